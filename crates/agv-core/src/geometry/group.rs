@@ -1,0 +1,137 @@
+//! The contract that all groups share.
+
+use std::fmt::Debug;
+use std::ops::{Add, Mul, Neg, Sub};
+
+pub(super) mod sealed {
+    /// Only the groups of this crate implement [`LieGroup`](super::LieGroup): their laws are tested here.
+    pub trait Sealed {}
+}
+
+/// A Lie group of rotations or rigid motions, with right increments.
+///
+/// Implemented by [`So2`](super::So2), [`Se2`](super::Se2), [`So3`](super::So3) and [`Se3`](super::Se3). Methods are
+/// small and inlined: write algorithms generically where they hold for every group (pose graphs, averages, covariance
+/// transport), and concretely where they do not.
+///
+/// Equation numbers are those of Solà et al., *A micro Lie theory for state estimation in robotics*.
+///
+/// ```
+/// use agv_core::geometry::{LieGroup, Se2};
+///
+/// fn midpoint<G: LieGroup>(a: &G, b: &G) -> G {
+///     a.plus(&(b.minus(a) * 0.5))
+/// }
+/// let middle = midpoint(&Se2::new(0.0, 0.0, 3.0), &Se2::new(0.0, 0.0, -3.0));
+/// assert!((middle.yaw().abs() - std::f64::consts::PI).abs() < 1e-12);
+/// ```
+pub trait LieGroup: Copy + Debug + PartialEq + Default + Send + Sync + sealed::Sealed + 'static {
+    /// Degrees of freedom.
+    const DOF: usize;
+    /// Vector of `DOF` entries, translation first.
+    type Tangent: Copy
+        + Debug
+        + PartialEq
+        + Send
+        + Sync
+        + Add<Output = Self::Tangent>
+        + Sub<Output = Self::Tangent>
+        + Neg<Output = Self::Tangent>
+        + Mul<f64, Output = Self::Tangent>;
+    /// Square matrix over the tangent space: a Jacobian or a covariance.
+    type Matrix: Copy
+        + Debug
+        + PartialEq
+        + Send
+        + Sync
+        + Add<Output = Self::Matrix>
+        + Sub<Output = Self::Matrix>
+        + Neg<Output = Self::Matrix>
+        + Mul<f64, Output = Self::Matrix>
+        + Mul<Output = Self::Matrix>
+        + Mul<Self::Tangent, Output = Self::Tangent>;
+    /// Point that the group acts on, in metres.
+    type Point: Copy + Debug + PartialEq + Send + Sync;
+
+    /// The motion that moves nothing.
+    fn identity() -> Self;
+
+    /// `self ∘ rhs`: first `rhs`, then `self`. `a_from_c = a_from_b.compose(&b_from_c)`.
+    fn compose(&self, rhs: &Self) -> Self;
+
+    /// The motion that undoes this one.
+    fn inverse(&self) -> Self;
+
+    /// Exponential map (Eq. 23).
+    fn exp(tangent: &Self::Tangent) -> Self;
+
+    /// Logarithm (Eq. 24): the shortest tangent whose exponential this is; at half a turn one of the two.
+    fn log(&self) -> Self::Tangent;
+
+    /// The point of the source frame, seen in the target frame.
+    fn act(&self, point: &Self::Point) -> Self::Point;
+
+    /// Ad, the matrix that moves tangents from the source to the target frame (Eq. 29):
+    /// `x ∘ exp(τ) = exp(Ad τ) ∘ x`.
+    fn adjoint(&self) -> Self::Matrix;
+
+    /// Jl(τ), left Jacobian of the exponential (Eq. 71).
+    fn left_jacobian(tangent: &Self::Tangent) -> Self::Matrix;
+
+    /// Inverse of [`left_jacobian`](Self::left_jacobian). Singular at rotations by multiples of a full turn but zero.
+    fn left_jacobian_inverse(tangent: &Self::Tangent) -> Self::Matrix;
+
+    /// Transpose of a tangent-space matrix.
+    fn transpose(matrix: &Self::Matrix) -> Self::Matrix;
+
+    /// The unit matrix of the tangent space.
+    fn identity_matrix() -> Self::Matrix;
+
+    /// Entries of a tangent, in order.
+    fn tangent_slice(tangent: &Self::Tangent) -> &[f64];
+
+    /// Entries of a tangent-space matrix, column by column.
+    fn matrix_slice(matrix: &Self::Matrix) -> &[f64];
+
+    /// A tangent from `DOF` entries; missing ones are zero.
+    fn tangent_from_slice(entries: &[f64]) -> Self::Tangent;
+
+    /// Whether all numbers in it are finite.
+    fn is_finite(&self) -> bool;
+
+    /// Jr(τ) = Jl(-τ), right Jacobian of the exponential (Eqs. 67 and 76).
+    #[inline]
+    fn right_jacobian(tangent: &Self::Tangent) -> Self::Matrix {
+        Self::left_jacobian(&-*tangent)
+    }
+
+    /// Inverse of [`right_jacobian`](Self::right_jacobian); the Jacobian of [`log`](Self::log) (Eq. 79).
+    #[inline]
+    fn right_jacobian_inverse(tangent: &Self::Tangent) -> Self::Matrix {
+        Self::left_jacobian_inverse(&-*tangent)
+    }
+
+    /// `self ⊕ tangent = self ∘ exp(tangent)` (Eq. 25).
+    #[inline]
+    fn plus(&self, tangent: &Self::Tangent) -> Self {
+        self.compose(&Self::exp(tangent))
+    }
+
+    /// `self ⊖ origin = log(origin⁻¹ ∘ self)` (Eq. 26): the tangent at `origin` that leads to `self`.
+    #[inline]
+    fn minus(&self, origin: &Self) -> Self::Tangent {
+        origin.between(self).log()
+    }
+
+    /// `self⁻¹ ∘ other`: with `world_from_a.between(&world_from_b)` the pose `a_from_b`.
+    #[inline]
+    fn between(&self, other: &Self) -> Self {
+        self.inverse().compose(other)
+    }
+
+    /// The motion a `fraction` of the way to `other` along the geodesic: 0 gives `self`, 1 gives `other`.
+    #[inline]
+    fn interpolate(&self, other: &Self, fraction: f64) -> Self {
+        self.plus(&(other.minus(self) * fraction))
+    }
+}

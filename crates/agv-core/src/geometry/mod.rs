@@ -1,0 +1,23 @@
+//! Rotations and rigid motions of the plane and of space, with the calculus that filters and optimisers need.
+//!
+//! Notation and equation numbers follow Solà, Deray and Atchuthan, *A micro Lie theory for state estimation in
+//! robotics* (2018, arXiv:1812.01537). Increments are right increments throughout: `x ⊕ τ = x ∘ exp(τ)`, so a tangent
+//! vector, a covariance or a Jacobian of a pose `target_from_source` is expressed in `source`. Tangent vectors hold
+//! the translation first: `(x, y, yaw)` on SE(2), `(x, y, z, rx, ry, rz)` on SE(3).
+
+mod angle;
+mod group;
+mod se2;
+mod se3;
+mod series;
+mod so2;
+mod so3;
+mod twist;
+
+pub use angle::{angle_difference, wrap_angle};
+pub use group::LieGroup;
+pub use se2::Se2;
+pub use se3::Se3;
+pub use so2::So2;
+pub use so3::So3;
+pub use twist::{Twist2, Twist3};

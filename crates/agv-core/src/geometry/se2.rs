@@ -1,0 +1,206 @@
+//! Rigid motions of the plane: the poses of a vehicle on a floor.
+
+use super::{LieGroup, So2, group::sealed::Sealed, series};
+use nalgebra::{Isometry2, Matrix2, Matrix3, Vector2, Vector3};
+use std::ops::Mul;
+
+/// A rigid motion of the plane, or the pose of one frame in another.
+///
+/// Named `target_from_source`: it maps points of the source frame into the target frame.
+///
+/// ```
+/// use agv_core::geometry::{LieGroup, Se2};
+/// use agv_core::nalgebra::{Vector2, Vector3};
+///
+/// let map_from_base = Se2::new(2.0, 1.0, std::f64::consts::FRAC_PI_2);
+/// let obstacle_in_map = map_from_base.act(&Vector2::new(1.0, 0.0));
+/// assert!((obstacle_in_map - Vector2::new(2.0, 2.0)).norm() < 1e-12);
+///
+/// // A quarter turn to the left on a circle of 1 m radius: 90° of arc.
+/// let arc = Se2::exp(&Vector3::new(std::f64::consts::FRAC_PI_2, 0.0, std::f64::consts::FRAC_PI_2));
+/// assert!((arc.translation() - Vector2::new(1.0, 1.0)).norm() < 1e-12);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Se2 {
+    translation: Vector2<f64>,
+    rotation: So2,
+}
+
+impl Se2 {
+    /// The pose at `(x, y)` metres with heading `yaw` radians.
+    #[inline]
+    pub fn new(x: f64, y: f64, yaw: f64) -> Self {
+        Self::from_parts(Vector2::new(x, y), So2::from_angle(yaw))
+    }
+
+    /// The pose with this translation, in metres, and rotation.
+    #[inline]
+    pub const fn from_parts(translation: Vector2<f64>, rotation: So2) -> Self {
+        Self { translation, rotation }
+    }
+
+    /// Origin of the source frame along the target's x, in metres.
+    #[inline]
+    pub fn x(&self) -> f64 {
+        self.translation.x
+    }
+
+    /// Origin of the source frame along the target's y, in metres.
+    #[inline]
+    pub fn y(&self) -> f64 {
+        self.translation.y
+    }
+
+    /// Heading in [-π, π].
+    #[inline]
+    pub fn yaw(&self) -> f64 {
+        self.rotation.angle()
+    }
+
+    /// Origin of the source frame in the target frame, in metres.
+    #[inline]
+    pub const fn translation(&self) -> Vector2<f64> {
+        self.translation
+    }
+
+    /// Rotation from the source to the target frame.
+    #[inline]
+    pub const fn rotation(&self) -> So2 {
+        self.rotation
+    }
+
+    /// Jacobians of [`act`](LieGroup::act): with respect to the pose (Eq. 166) and to the point (Eq. 167).
+    pub fn act_jacobians(&self, point: &Vector2<f64>) -> (nalgebra::Matrix2x3<f64>, Matrix2<f64>) {
+        let (c, s) = (self.rotation.cos(), self.rotation.sin());
+        let rotated = self.rotation.act(point);
+        (nalgebra::Matrix2x3::new(c, -s, -rotated.y, s, c, rotated.x), Matrix2::new(c, -s, s, c))
+    }
+}
+
+impl Sealed for Se2 {}
+
+impl LieGroup for Se2 {
+    const DOF: usize = 3;
+    type Tangent = Vector3<f64>;
+    type Matrix = Matrix3<f64>;
+    type Point = Vector2<f64>;
+
+    fn identity() -> Self {
+        Self::default()
+    }
+
+    #[inline]
+    fn compose(&self, rhs: &Self) -> Self {
+        Self { translation: self.act(&rhs.translation), rotation: self.rotation.compose(&rhs.rotation) }
+    }
+
+    #[inline]
+    fn inverse(&self) -> Self {
+        let rotation = self.rotation.inverse();
+        Self { translation: -rotation.act(&self.translation), rotation }
+    }
+
+    /// Eq. 156; a body twist held constant, so the arc of an ideal vehicle.
+    #[inline]
+    fn exp(tangent: &Self::Tangent) -> Self {
+        let yaw = tangent.z;
+        let (a, b) = (series::sinc(yaw), yaw * series::one_minus_cos(yaw));
+        Self::from_parts(
+            Vector2::new(a * tangent.x - b * tangent.y, b * tangent.x + a * tangent.y),
+            So2::from_angle(yaw),
+        )
+    }
+
+    /// Eq. 157.
+    #[inline]
+    fn log(&self) -> Self::Tangent {
+        let yaw = self.yaw();
+        let (a, b) = (series::half_cot(yaw), 0.5 * yaw);
+        let t = self.translation;
+        Vector3::new(a * t.x + b * t.y, a * t.y - b * t.x, yaw)
+    }
+
+    #[inline]
+    fn act(&self, point: &Self::Point) -> Self::Point {
+        self.rotation.act(point) + self.translation
+    }
+
+    /// Eq. 159.
+    #[inline]
+    fn adjoint(&self) -> Self::Matrix {
+        let (c, s) = (self.rotation.cos(), self.rotation.sin());
+        Matrix3::new(c, -s, self.translation.y, s, c, -self.translation.x, 0.0, 0.0, 1.0)
+    }
+
+    /// Eq. 164.
+    fn left_jacobian(tangent: &Self::Tangent) -> Self::Matrix {
+        let yaw = tangent.z;
+        let (a, b) = (series::sinc(yaw), yaw * series::one_minus_cos(yaw));
+        let (c, d) = (series::one_minus_cos(yaw), yaw * series::x_minus_sin(yaw));
+        Matrix3::new(a, -b, d * tangent.x + c * tangent.y, b, a, d * tangent.y - c * tangent.x, 0.0, 0.0, 1.0)
+    }
+
+    fn left_jacobian_inverse(tangent: &Self::Tangent) -> Self::Matrix {
+        // Block inverse: the translation block is the V of Eq. 158, whose inverse is known in closed form.
+        let (a, b) = (series::half_cot(tangent.z), 0.5 * tangent.z);
+        let jacobian = Self::left_jacobian(tangent);
+        let (u, v) = (jacobian.m13, jacobian.m23);
+        Matrix3::new(a, b, -(a * u + b * v), -b, a, b * u - a * v, 0.0, 0.0, 1.0)
+    }
+
+    #[inline]
+    fn transpose(matrix: &Self::Matrix) -> Self::Matrix {
+        matrix.transpose()
+    }
+
+    fn identity_matrix() -> Self::Matrix {
+        Matrix3::identity()
+    }
+
+    fn tangent_slice(tangent: &Self::Tangent) -> &[f64] {
+        tangent.as_slice()
+    }
+
+    fn matrix_slice(matrix: &Self::Matrix) -> &[f64] {
+        matrix.as_slice()
+    }
+
+    fn tangent_from_slice(entries: &[f64]) -> Self::Tangent {
+        Vector3::from_iterator(entries.iter().copied().chain(std::iter::repeat(0.0)).take(Self::DOF))
+    }
+
+    fn is_finite(&self) -> bool {
+        self.translation.iter().all(|v| v.is_finite()) && self.rotation.is_finite()
+    }
+}
+
+impl Mul for Se2 {
+    type Output = Self;
+
+    #[inline]
+    fn mul(self, rhs: Self) -> Self {
+        self.compose(&rhs)
+    }
+}
+
+impl Mul<Vector2<f64>> for Se2 {
+    type Output = Vector2<f64>;
+
+    #[inline]
+    fn mul(self, point: Vector2<f64>) -> Vector2<f64> {
+        self.act(&point)
+    }
+}
+
+impl From<Isometry2<f64>> for Se2 {
+    fn from(isometry: Isometry2<f64>) -> Self {
+        Self::from_parts(isometry.translation.vector, isometry.rotation.into())
+    }
+}
+
+impl From<Se2> for Isometry2<f64> {
+    fn from(pose: Se2) -> Self {
+        Self::from_parts(pose.translation.into(), pose.rotation.into())
+    }
+}

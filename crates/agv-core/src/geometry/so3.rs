@@ -1,0 +1,153 @@
+//! Rotations of space, as unit quaternions.
+
+use super::{LieGroup, group::sealed::Sealed, series};
+use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
+use std::ops::Mul;
+
+/// A rotation of space.
+///
+/// ```
+/// use agv_core::geometry::{LieGroup, So3};
+/// use agv_core::nalgebra::Vector3;
+///
+/// let left = So3::from_roll_pitch_yaw(0.0, 0.0, std::f64::consts::FRAC_PI_2);
+/// assert!((left.act(&Vector3::x()) - Vector3::y()).norm() < 1e-12);
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(transparent))]
+pub struct So3(UnitQuaternion<f64>);
+
+/// The matrix of the cross product: `skew(a) b = a × b`.
+pub(super) fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
+    Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
+}
+
+impl So3 {
+    /// The rotation by yaw about z, then pitch about the new y, then roll about the new x (REP-103), in radians.
+    pub fn from_roll_pitch_yaw(roll: f64, pitch: f64, yaw: f64) -> Self {
+        Self(UnitQuaternion::from_euler_angles(roll, pitch, yaw))
+    }
+
+    /// Roll, pitch and yaw, in radians.
+    pub fn roll_pitch_yaw(&self) -> (f64, f64, f64) {
+        self.0.euler_angles()
+    }
+
+    /// The rotation as a 3x3 matrix.
+    pub fn matrix(&self) -> Matrix3<f64> {
+        self.0.to_rotation_matrix().into_inner()
+    }
+}
+
+impl Sealed for So3 {}
+
+impl LieGroup for So3 {
+    const DOF: usize = 3;
+    type Tangent = Vector3<f64>;
+    type Matrix = Matrix3<f64>;
+    type Point = Vector3<f64>;
+
+    fn identity() -> Self {
+        Self::default()
+    }
+
+    #[inline]
+    fn compose(&self, rhs: &Self) -> Self {
+        let product = self.0.into_inner() * rhs.0.into_inner();
+        // One Newton step towards unit length, as for `So2`.
+        let scale = 1.5 - 0.5 * product.norm_squared();
+        Self(UnitQuaternion::new_unchecked(product * scale))
+    }
+
+    #[inline]
+    fn inverse(&self) -> Self {
+        Self(self.0.inverse())
+    }
+
+    /// Eq. 132 in its quaternion form (Eq. 110).
+    #[inline]
+    fn exp(tangent: &Self::Tangent) -> Self {
+        let half = 0.5 * tangent.norm();
+        Self(UnitQuaternion::new_unchecked(Quaternion::from_parts(half.cos(), tangent * (0.5 * series::sinc(half)))))
+    }
+
+    /// Eq. 133 in its quaternion form (Eq. 111).
+    #[inline]
+    fn log(&self) -> Self::Tangent {
+        // q and -q are one rotation: take the one with the shorter turn.
+        let sign = if self.0.w < 0.0 { -1.0 } else { 1.0 };
+        let (w, v) = (sign * self.0.w, self.0.vector() * sign);
+        let norm = v.norm();
+        let half = norm.atan2(w);
+        v * (2.0 / if norm > 0.5 { norm / half } else { series::sinc(half) })
+    }
+
+    #[inline]
+    fn act(&self, point: &Self::Point) -> Self::Point {
+        self.0.transform_vector(point)
+    }
+
+    /// Eq. 139.
+    fn adjoint(&self) -> Self::Matrix {
+        self.matrix()
+    }
+
+    /// Eq. 145.
+    fn left_jacobian(tangent: &Self::Tangent) -> Self::Matrix {
+        let angle = tangent.norm();
+        let w = skew(tangent);
+        Matrix3::identity() + w * series::one_minus_cos(angle) + w * w * series::x_minus_sin(angle)
+    }
+
+    /// Eq. 146.
+    fn left_jacobian_inverse(tangent: &Self::Tangent) -> Self::Matrix {
+        let w = skew(tangent);
+        Matrix3::identity() - w * 0.5 + w * w * series::half_cot_remainder(tangent.norm())
+    }
+
+    #[inline]
+    fn transpose(matrix: &Self::Matrix) -> Self::Matrix {
+        matrix.transpose()
+    }
+
+    fn identity_matrix() -> Self::Matrix {
+        Matrix3::identity()
+    }
+
+    fn tangent_slice(tangent: &Self::Tangent) -> &[f64] {
+        tangent.as_slice()
+    }
+
+    fn matrix_slice(matrix: &Self::Matrix) -> &[f64] {
+        matrix.as_slice()
+    }
+
+    fn tangent_from_slice(entries: &[f64]) -> Self::Tangent {
+        Vector3::from_iterator(entries.iter().copied().chain(std::iter::repeat(0.0)).take(Self::DOF))
+    }
+
+    fn is_finite(&self) -> bool {
+        self.0.coords.iter().all(|v| v.is_finite())
+    }
+}
+
+impl Mul for So3 {
+    type Output = Self;
+
+    #[inline]
+    fn mul(self, rhs: Self) -> Self {
+        self.compose(&rhs)
+    }
+}
+
+impl From<UnitQuaternion<f64>> for So3 {
+    fn from(rotation: UnitQuaternion<f64>) -> Self {
+        Self(rotation)
+    }
+}
+
+impl From<So3> for UnitQuaternion<f64> {
+    fn from(rotation: So3) -> Self {
+        rotation.0
+    }
+}

@@ -1,0 +1,9 @@
+//! Grids: where cells lie, what they hold, and what is computed on them.
+
+mod cells;
+mod costmap;
+mod layout;
+
+pub use cells::{CellState, Grid};
+pub use costmap::{Costmap, cost};
+pub use layout::{Cell, GridLayout};

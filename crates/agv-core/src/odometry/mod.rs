@@ -1,0 +1,5 @@
+//! What wheels and gyros say of the motion between two moments.
+
+mod increment;
+
+pub use increment::OdometryIncrement;

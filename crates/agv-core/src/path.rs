@@ -1,0 +1,139 @@
+//! Paths: the poses that a planner hands to a tracker.
+
+use crate::{Error, geometry::Se2};
+use nalgebra::Vector2;
+
+/// Which way a vehicle drives along a stretch of path.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Gear {
+    /// Nose first.
+    #[default]
+    Forward,
+    /// Tail first: the pose's heading points against the motion.
+    Reverse,
+}
+
+/// One pose of a path.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct PathPoint {
+    /// Pose of the base in the map frame.
+    pub pose: Se2,
+    /// How the stretch that ends here is driven. Where it changes, the vehicle stops: a cusp.
+    pub gear: Gear,
+}
+
+/// A path as a sequence of poses in the map frame, joined by straight lines.
+///
+/// ```
+/// use agv_core::nalgebra::Vector2;
+/// use agv_core::path::Path;
+///
+/// let path = Path::from_positions(&[Vector2::new(0.0, 0.0), Vector2::new(3.0, 0.0), Vector2::new(3.0, 4.0)])?;
+/// assert_eq!(path.length(), 7.0);
+/// assert_eq!(path.points()[1].pose.yaw(), std::f64::consts::FRAC_PI_2); // headings look ahead
+/// # Ok::<(), agv_core::Error>(())
+/// ```
+#[derive(Debug, Clone, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Path {
+    points: Vec<PathPoint>,
+}
+
+impl Path {
+    /// A path without points, to be filled by a planner.
+    pub const fn new() -> Self {
+        Self { points: Vec::new() }
+    }
+
+    /// A forward path through the positions, in metres; each heading looks towards the next position, the last keeps
+    /// its predecessor's.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`].
+    pub fn from_positions(positions: &[Vector2<f64>]) -> Result<Self, Error> {
+        let mut path = Self::new();
+        path.set_positions(positions.iter().copied())?;
+        Ok(path)
+    }
+
+    /// Refills the path as [`from_positions`](Self::from_positions) does, keeping its memory.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`]; the path is then empty.
+    pub fn set_positions(&mut self, positions: impl IntoIterator<Item = Vector2<f64>>) -> Result<(), Error> {
+        self.points.clear();
+        for position in positions {
+            if let Some(bad) = position.iter().find(|v| !v.is_finite()) {
+                self.points.clear();
+                return Err(Error::NotFinite { name: "path position", value: *bad });
+            }
+            if let Some(last) = self.points.last_mut() {
+                let ahead = position - last.pose.translation();
+                // A repeated position has no direction: keep the heading that is there.
+                if ahead != Vector2::zeros() {
+                    last.pose = Se2::new(last.pose.x(), last.pose.y(), ahead.y.atan2(ahead.x));
+                }
+            }
+            let yaw = self.points.last().map_or(0.0, |p| p.pose.yaw());
+            self.points.push(PathPoint { pose: Se2::new(position.x, position.y, yaw), gear: Gear::Forward });
+        }
+        Ok(())
+    }
+
+    /// Appends a pose.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`]; the path is then as it was.
+    pub fn push(&mut self, point: PathPoint) -> Result<(), Error> {
+        let pose = point.pose;
+        crate::check::all_finite("path pose", &[pose.x(), pose.y(), pose.yaw()])?;
+        self.points.push(point);
+        Ok(())
+    }
+
+    /// Removes all points, keeping the memory.
+    pub fn clear(&mut self) {
+        self.points.clear();
+    }
+
+    /// The poses, from start to goal.
+    pub fn points(&self) -> &[PathPoint] {
+        &self.points
+    }
+
+    /// Whether there are no points.
+    pub fn is_empty(&self) -> bool {
+        self.points.is_empty()
+    }
+
+    /// Number of points.
+    pub fn len(&self) -> usize {
+        self.points.len()
+    }
+
+    /// Length along the straight lines, in metres.
+    pub fn length(&self) -> f64 {
+        self.points.windows(2).map(|w| (w[1].pose.translation() - w[0].pose.translation()).norm()).sum()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn repeated_positions_keep_the_heading() {
+        let p = Vector2::new(1.0, 1.0);
+        let path = Path::from_positions(&[Vector2::zeros(), p, p]).unwrap();
+        let yaw = std::f64::consts::FRAC_PI_4;
+        assert!(path.points().iter().all(|q| (q.pose.yaw() - yaw).abs() < 1e-12));
+    }
+
+    #[test]
+    fn a_position_that_is_not_finite_is_refused() {
+        assert!(Path::from_positions(&[Vector2::zeros(), Vector2::new(f64::NAN, 0.0)]).is_err());
+        assert!(Path::new().push(PathPoint { pose: Se2::new(0.0, f64::INFINITY, 0.0), gear: Gear::Forward }).is_err());
+    }
+}

@@ -1,0 +1,27 @@
+//! The parts that algorithms play in a pipeline, as object-safe traits: hold them as `Box<dyn GlobalPlanner + Send>`.
+//!
+//! A role is called once per cycle, so the dynamic call costs nothing that matters; what runs millions of times inside
+//! is generic. The roles are declared here, on the ground floor, because several crates play the same one.
+//!
+//! What all roles share:
+//! - A call that returns an error has changed nothing. Errors name the value that was refused.
+//! - What can happen to correct callers (no path, a skipped scan, an iteration limit) is an *outcome* in the return
+//!   value, not an error.
+//! - No clock is read and nothing is drawn from the operating system: the same calls give the same bits.
+//!
+
+mod controller;
+mod global_planner;
+mod local_planner;
+mod localizer;
+mod registration;
+mod scan_matcher;
+mod tracker;
+
+pub use controller::{ControlError, Controller};
+pub use global_planner::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome};
+pub use local_planner::{LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner, VehicleState};
+pub use localizer::{Correct, LocalizationError, Localizer, PoseBelief, PoseEstimate, SkipReason, UpdateOutcome};
+pub use registration::{Alignment, LidarOdometry, LidarOdometryStep, Registration, RegistrationError, Termination};
+pub use scan_matcher::{ScanMatch, ScanMatchError, ScanMatcher};
+pub use tracker::{PathTracker, TrackCommand, TrackError, TrackStatus};
