@@ -1,6 +1,6 @@
 //! Velocity and acceleration limits of a vehicle.
 
-use crate::{Error, check};
+use crate::{Error, check, geometry::Twist2};
 
 /// Limits on the twist of the base and on its change; magnitudes, all at least zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -53,4 +53,32 @@ impl TwistLimits {
         check::positive("yaw_acceleration", self.yaw_acceleration)?;
         Ok(())
     }
+
+    /// Whether the twist keeps to the velocity limits, up to rounding.
+    pub fn allows(&self, twist: &Twist2) -> bool {
+        let slack = 1.0 + ROUNDING;
+        twist.vx <= self.forward_speed * slack
+            && -twist.vx <= self.reverse_speed * slack
+            && twist.vy.abs() <= self.lateral_speed * slack
+            && twist.yaw_rate.abs() <= self.yaw_rate * slack
+    }
+
+    /// Whether a vehicle can go from one twist to the other in `dt` seconds, up to rounding, and the new one is
+    /// allowed. A twist that was beyond a limit before (the limit was lowered) may brake towards it.
+    pub fn allows_step(&self, from: &Twist2, to: &Twist2, dt: f64) -> bool {
+        let reachable = |from: f64, to: f64, limit: f64| {
+            let braking = to.abs() < from.abs() && to * from >= 0.0;
+            let change = if braking { self.deceleration } else { self.acceleration.max(self.deceleration) };
+            let within = to.abs() <= limit * (1.0 + ROUNDING) || braking;
+            within && (to - from).abs() <= change * dt * (1.0 + ROUNDING) + ROUNDING
+        };
+        let turned = (to.yaw_rate - from.yaw_rate).abs() <= self.yaw_acceleration * dt * (1.0 + ROUNDING) + ROUNDING;
+        reachable(from.vx, to.vx, if to.vx < 0.0 { self.reverse_speed } else { self.forward_speed })
+            && reachable(from.vy, to.vy, self.lateral_speed)
+            && turned
+            && (to.yaw_rate.abs() <= self.yaw_rate * (1.0 + ROUNDING) || to.yaw_rate.abs() < from.yaw_rate.abs())
+    }
 }
+
+/// Relative slack of the checks above: clamping and checking round differently.
+const ROUNDING: f64 = 1e-9;

@@ -9,9 +9,11 @@
 //!   value, not an error.
 //! - No clock is read and nothing is drawn from the operating system: the same calls give the same bits.
 //!
+//! [`laws`] holds the tests that every player of a role must pass.
 
 mod controller;
 mod global_planner;
+pub mod laws;
 mod local_planner;
 mod localizer;
 mod registration;

@@ -1,0 +1,99 @@
+//! Laws of [`Controller`] and [`PathTracker`].
+
+use super::{LawViolation, NOT_FINITE, ensure};
+use crate::{
+    geometry::{LieGroup, Se2, Twist2},
+    kinematics::TwistLimits,
+    path::Path,
+    roles::{Controller, PathTracker, TrackError, TrackStatus, VehicleState},
+};
+use nalgebra::Vector2;
+
+/// Checks a controller: refusals change nothing, and `reset` forgets.
+///
+/// # Errors
+/// The first law that was broken.
+pub fn controller(player: &mut dyn Controller) -> Result<(), LawViolation> {
+    const ROLE: &str = "Controller";
+    let run = |player: &mut dyn Controller, disturb: bool| -> Vec<Option<u64>> {
+        player.reset();
+        (0..20)
+            .map(|k| {
+                if disturb {
+                    for value in NOT_FINITE {
+                        let _ = player.update(value, 0.0, 0.01);
+                        let _ = player.update(1.0, value, 0.01);
+                        let _ = player.update(1.0, 0.0, value);
+                    }
+                }
+                player.update(1.0, 0.05 * f64::from(k), 0.01).ok().map(f64::to_bits)
+            })
+            .collect()
+    };
+    let clean = run(player, false);
+    ensure(ROLE, "good values are taken", clean.iter().all(Option::is_some))?;
+    ensure(ROLE, "reset forgets the past", run(player, false) == clean)?;
+    for value in NOT_FINITE {
+        let refused = player.update(value, 0.0, 0.01).is_err()
+            && player.update(1.0, value, 0.01).is_err()
+            && player.update(1.0, 0.0, value).is_err();
+        ensure(ROLE, "a value that is not finite is refused", refused)?;
+    }
+    let stands = player.update(1.0, 0.0, 0.0).is_err() && player.update(1.0, 0.0, -0.01).is_err();
+    ensure(ROLE, "a dt that is not positive is refused", stands)?;
+    ensure(ROLE, "a refused value changes nothing", run(player, true) == clean)
+}
+
+/// Checks a path tracker that was just built: an ideal vehicle at the start of `path` arrives within the limits.
+///
+/// # Errors
+/// The first law that was broken.
+pub fn path_tracker(
+    player: &mut dyn PathTracker,
+    path: &Path,
+    limits: &TwistLimits,
+    dt: f64,
+) -> Result<(), LawViolation> {
+    const ROLE: &str = "PathTracker";
+    let start = path.points().first().map(|p| p.pose).unwrap_or_default();
+    let mut state = VehicleState { map_from_base: start, twist: Twist2::ZERO };
+    let early = player.command(&state, limits, dt);
+    ensure(ROLE, "a command without a path is refused", early == Err(TrackError::NoPath))?;
+    let point = Path::from_positions(&[Vector2::zeros(); 3]).unwrap_or_default();
+    let refused =
+        player.set_path(&Path::new()) == Err(TrackError::NoPath) && player.set_path(&point) == Err(TrackError::NoPath);
+    ensure(ROLE, "a path without two distinct points is refused", refused)?;
+    ensure(ROLE, "a good path is taken", player.set_path(path).is_ok())?;
+
+    for value in NOT_FINITE {
+        let nowhere = VehicleState { map_from_base: Se2::new(0.0, value, 0.0), ..state };
+        let flying = VehicleState { twist: Twist2::new(0.0, 0.0, value), ..state };
+        let boundless = TwistLimits { acceleration: value, ..*limits };
+        let refused = player.command(&nowhere, limits, dt).is_err()
+            && player.command(&flying, limits, dt).is_err()
+            && player.command(&state, &boundless, dt).is_err()
+            && player.command(&state, limits, value).is_err();
+        ensure(ROLE, "a value that is not finite is refused", refused)?;
+    }
+    let stands = player.command(&state, limits, 0.0).is_err() && player.command(&state, limits, -dt).is_err();
+    ensure(ROLE, "a dt that is not positive is refused", stands)?;
+
+    // Ten times as long as the path takes at full speed, and a minute for turning and braking.
+    let cycles = ((10.0 * path.length() / limits.forward_speed.max(0.01) + 60.0) / dt).ceil() as usize;
+    for _ in 0..cycles {
+        let Ok(command) = player.command(&state, limits, dt) else {
+            return ensure(ROLE, "a good state is taken", false);
+        };
+        let within = limits.allows_step(&state.twist, &command.twist, dt);
+        ensure(ROLE, "a command respects every limit", within)?;
+        let sane =
+            command.cross_track_error.is_finite() && command.heading_error.is_finite() && command.remaining >= 0.0;
+        ensure(ROLE, "the errors that are reported are finite", sane)?;
+        state.twist = command.twist;
+        state.map_from_base = state.map_from_base.compose(&command.twist.integrate(dt));
+        if command.status == TrackStatus::Arrived {
+            return ensure(ROLE, "a vehicle that arrived is at rest", state.twist.speed() < 1e-9);
+        }
+    }
+    ensure(ROLE, "an ideal vehicle arrives", false)
+}

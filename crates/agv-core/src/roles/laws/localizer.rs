@@ -1,0 +1,88 @@
+//! Laws of [`Localizer`] and [`Correct`].
+
+use super::{LawViolation, NOT_FINITE, ensure};
+use crate::{
+    geometry::{LieGroup, Se2},
+    odometry::OdometryIncrement,
+    roles::{Correct, LocalizationError, Localizer, PoseBelief, PoseEstimate, UpdateOutcome},
+};
+
+const ROLE: &str = "Localizer";
+
+/// Standard deviations within which a sampled mean must lie: with ten standard deviations a law never fails by chance.
+const BOUND: f64 = 10.0;
+
+/// Checks a localizer that was just built: it refuses what it must, and a belief around `start` follows `motion`.
+///
+/// `covariance` is that of the belief; `motion` should be a plausible one, for instance 1 m ahead.
+///
+/// # Errors
+/// The first law that was broken.
+pub fn localizer<G: LieGroup + From<Se2>>(
+    player: &mut dyn Localizer<Pose = G>,
+    start: &G,
+    covariance: &G::Matrix,
+    motion: &OdometryIncrement,
+) -> Result<(), LawViolation> {
+    let unknown = player.estimate();
+    ensure(ROLE, "before the first belief variances are infinite", variances(&unknown).all(f64::is_infinite))?;
+    let early = player.predict(motion);
+    ensure(ROLE, "a motion before the first belief is refused", early == Err(LocalizationError::NotInitialized))?;
+
+    for value in NOT_FINITE {
+        let nowhere = G::exp(&G::tangent_from_slice(&[value]));
+        let refused = player.initialize(&PoseBelief::around(nowhere, *covariance)).is_err()
+            && player.initialize(&PoseBelief::around(*start, *covariance * value)).is_err();
+        ensure(ROLE, "a belief that is not finite is refused", refused)?;
+    }
+    let negative = player.initialize(&PoseBelief::around(*start, *covariance * -1.0));
+    ensure(ROLE, "a covariance that is not positive is refused", negative.is_err())?;
+    ensure(ROLE, "a refused belief changes nothing", same(&player.estimate(), &unknown))?;
+
+    let initialized = player.initialize(&PoseBelief::around(*start, *covariance));
+    ensure(ROLE, "a good belief is taken", initialized.is_ok())?;
+    ensure(ROLE, "the estimate is near the belief", near(&player.estimate(), start, covariance))?;
+
+    let before = player.estimate();
+    for value in NOT_FINITE {
+        let nowhere = OdometryIncrement { start_from_end: Se2::new(value, 0.0, 0.0), ..*motion };
+        let vague = OdometryIncrement { covariance: motion.covariance.add_scalar(value), ..*motion };
+        let refused = player.predict(&nowhere).is_err() && player.predict(&vague).is_err();
+        ensure(ROLE, "a motion that is not finite is refused", refused)?;
+    }
+    ensure(ROLE, "a refused motion changes nothing", same(&player.estimate(), &before))?;
+
+    ensure(ROLE, "a good motion is taken", player.predict(motion).is_ok())?;
+    let moved = before.map_from_base.compose(&G::from(motion.start_from_end));
+    let after = player.estimate();
+    // The belief's own spread bounds how far its mean may be from the mean moved.
+    ensure(ROLE, "the estimate follows the motion", near(&after, &moved, &(after.covariance + *covariance)))
+}
+
+/// Checks that `empty`, an observation without any usable reading, is skipped and changes nothing.
+///
+/// The localizer has a belief already.
+///
+/// # Errors
+/// The first law that was broken.
+pub fn correct<Z: ?Sized, G: LieGroup>(player: &mut dyn Correct<Z, Pose = G>, empty: &Z) -> Result<(), LawViolation> {
+    let before = player.estimate();
+    let outcome = player.update(empty);
+    ensure("Correct", "an observation that says nothing is skipped", matches!(outcome, Ok(UpdateOutcome::Skipped(_))))?;
+    ensure("Correct", "a skipped observation changes nothing", same(&player.estimate(), &before))
+}
+
+fn variances<G: LieGroup>(estimate: &PoseEstimate<G>) -> impl Iterator<Item = f64> + use<G> {
+    let entries = G::matrix_slice(&estimate.covariance).to_vec();
+    (0..G::DOF).map(move |i| entries.get(i * (G::DOF + 1)).copied().unwrap_or(f64::NAN))
+}
+
+fn near<G: LieGroup>(estimate: &PoseEstimate<G>, pose: &G, covariance: &G::Matrix) -> bool {
+    let difference = estimate.map_from_base.minus(pose);
+    let bounds = variances(&PoseEstimate { map_from_base: *pose, covariance: *covariance });
+    G::tangent_slice(&difference).iter().zip(bounds).all(|(d, variance)| d.abs() <= BOUND * variance.sqrt() + 1e-9)
+}
+
+fn same<G: LieGroup>(a: &PoseEstimate<G>, b: &PoseEstimate<G>) -> bool {
+    a.map_from_base == b.map_from_base && G::matrix_slice(&a.covariance) == G::matrix_slice(&b.covariance)
+}
