@@ -1,4 +1,38 @@
 //! How do I get there: controllers, their tuning, and path trackers.
+//!
+//! # Overview
+//! - [`pid`]: a discrete PID controller, the [`Controller`](agv_core::roles::Controller) role.
+//! - [`track`]: path trackers, the [`PathTracker`](agv_core::roles::PathTracker) role. A tracker is a
+//!   [`Follower`](track::Follower), which knows the path, the progress and the speed, and a
+//!   [`Steering`](track::Steering) law, which knows how to turn.
+//!
+//! # Usage
+//! ```
+//! use agv_control::track::{PurePursuit, PurePursuitParams};
+//! use agv_core::kinematics::TwistLimits;
+//! use agv_core::nalgebra::Vector2;
+//! use agv_core::path::Path;
+//! use agv_core::roles::{PathTracker, TrackStatus, VehicleState};
+//!
+//! let path = Path::from_positions(&[Vector2::new(0.0, 0.0), Vector2::new(2.0, 0.0), Vector2::new(2.0, 2.0)])?;
+//! let (limits, dt) = (TwistLimits::default(), 0.05);
+//! let mut tracker = PurePursuit::new(PurePursuitParams::default())?;
+//! tracker.set_path(&path)?;
+//! let mut state = VehicleState::default();
+//! loop {
+//!     let command = tracker.command(&state, &limits, dt)?;
+//!     state.map_from_base = state.map_from_base * command.twist.integrate(dt); // the caller's vehicle
+//!     state.twist = command.twist;
+//!     if command.status == TrackStatus::Arrived {
+//!         break;
+//!     }
+//! }
+//! assert!((state.map_from_base.translation() - Vector2::new(2.0, 2.0)).norm() < 0.1);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+pub mod pid;
+pub mod track;

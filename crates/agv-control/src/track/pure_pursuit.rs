@@ -1,0 +1,104 @@
+//! Pure pursuit: drive the arc that leads to a point ahead.
+//!
+//! Coulter, *Implementation of the pure pursuit path tracking algorithm*, 1992: with the goal point at `(x, y)` in the
+//! vehicle's frame and at the distance `l`, the arc through it has the curvature `2 y / l²`. The look-ahead grows with
+//! the speed, is measured along the path, and reaches beyond its end, so that it neither cuts hairpins nor shrinks to
+//! nothing at the goal (the oscillation that Nav2's users report); it is never shorter than the vehicle's yaw
+//! acceleration can follow. The speed is regulated by the follower as in
+//! Macenski et al., *Regulated pure pursuit for robot path tracking*, 2023.
+
+use super::follower::{Follower, FollowerParams, Steering, SteeringInput};
+use agv_core::{
+    Error, check,
+    geometry::{LieGroup, So2},
+    roles::TrackError,
+};
+
+/// Parameters of [`PurePursuit`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct PurePursuitParams {
+    /// Look-ahead per speed, in seconds.
+    pub look_ahead_time: f64,
+    /// Least look-ahead, in metres along the path.
+    pub look_ahead_min: f64,
+    /// Greatest look-ahead, in metres along the path.
+    pub look_ahead_max: f64,
+    /// What all trackers share.
+    pub follower: FollowerParams,
+}
+
+impl Default for PurePursuitParams {
+    /// Somewhat shorter than Nav2's 1.5 s and 0.3 to 0.9 m at its 0.5 m/s: an AGV in an aisle must not cut corners, and
+    /// below 0.4 m its yaw acceleration would not follow.
+    fn default() -> Self {
+        Self { look_ahead_time: 0.7, look_ahead_min: 0.4, look_ahead_max: 1.2, follower: FollowerParams::default() }
+    }
+}
+
+/// The steering law of [`PurePursuit`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PurePursuitSteering {
+    params: PurePursuitParams,
+}
+
+/// The pure pursuit tracker.
+pub type PurePursuit = Follower<PurePursuitSteering>;
+
+impl PurePursuit {
+    /// A tracker from its parameters.
+    ///
+    /// # Errors
+    /// The first parameter that is out of its range.
+    pub fn new(params: PurePursuitParams) -> Result<Self, Error> {
+        check::non_negative("look_ahead_time", params.look_ahead_time)?;
+        check::positive("look_ahead_min", params.look_ahead_min)?;
+        check::finite("look_ahead_max", params.look_ahead_max)?;
+        check::in_range("look_ahead_max", params.look_ahead_max, params.look_ahead_min, f64::MAX)?;
+        Self::with_steering(params.follower, PurePursuitSteering { params })
+    }
+}
+
+impl Steering for PurePursuitSteering {
+    fn yaw_rate(&mut self, input: &SteeringInput<'_>) -> Result<f64, TrackError> {
+        let p = &self.params;
+        let ahead = (p.look_ahead_time * input.speed).max(steerable_look_ahead(input));
+        let ahead = ahead.clamp(p.look_ahead_min, p.look_ahead_max);
+        let (target, _) = input.course.point_at(input.projection.arc_length + ahead).ok_or(TrackError::NoPath)?;
+        let in_base = So2::from_angle(-input.heading).act(&(target - input.position));
+        // At the target itself every arc leads there: go straight.
+        let square = in_base.norm_squared().max(f64::MIN_POSITIVE);
+        Ok(input.speed * 2.0 * in_base.y / square)
+    }
+
+    fn reset(&mut self) {}
+}
+
+/// Least look-ahead at which the vehicle's yaw acceleration suffices to come back to the path without swinging.
+///
+/// Near the path pure pursuit is an oscillator of frequency `√2 v / l`; an offset `y` then asks for `2√2 v² y / l³` of
+/// yaw acceleration, and a heading error `e` for `2√2 v² e / l²`.
+fn steerable_look_ahead(input: &SteeringInput<'_>) -> f64 {
+    let pull = 2.0 * std::f64::consts::SQRT_2 * input.speed * input.speed / input.limits.yaw_acceleration;
+    (pull * input.projection.cross_track.abs()).cbrt().max((pull * input.heading_error.abs()).sqrt())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn bad_parameters_are_named() {
+        let good = PurePursuitParams::default();
+        for (name, params) in [
+            ("look_ahead_time", PurePursuitParams { look_ahead_time: f64::NAN, ..good }),
+            ("look_ahead_min", PurePursuitParams { look_ahead_min: 0.0, ..good }),
+            ("look_ahead_max", PurePursuitParams { look_ahead_max: 0.1, ..good }),
+            ("look_ahead_max", PurePursuitParams { look_ahead_max: f64::INFINITY, ..good }),
+        ] {
+            assert!(PurePursuit::new(params).unwrap_err().to_string().starts_with(name), "{name}");
+        }
+        let follower = FollowerParams { turn_in_place: 4.0, ..FollowerParams::default() };
+        assert!(PurePursuit::new(PurePursuitParams { follower, ..good }).is_err());
+    }
+}

@@ -1,0 +1,130 @@
+//! What every tracker must do, on paths as vehicles meet them.
+
+use agv_control::track::{PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams};
+use agv_core::{
+    compute::Seed,
+    geometry::{Se2, Twist2},
+    kinematics::TwistLimits,
+    nalgebra::Vector2,
+    path::{Gear, Path, PathPoint},
+    roles::{PathTracker, TrackStatus, VehicleState, laws},
+};
+use rand_distr::{Distribution, Normal};
+
+fn trackers() -> [(&'static str, Box<dyn PathTracker>); 2] {
+    [
+        ("pure pursuit", Box::new(PurePursuit::new(PurePursuitParams::default()).unwrap())),
+        ("pid", Box::new(PidTracker::new(PidTrackerParams::default()).unwrap())),
+    ]
+}
+
+fn path(points: &[(f64, f64)]) -> Path {
+    Path::from_positions(&points.iter().map(|&(x, y)| Vector2::new(x, y)).collect::<Vec<_>>()).unwrap()
+}
+
+/// Lemniscate of Gerono, 3 m half-width.
+fn eight() -> Path {
+    let points: Vec<_> = (0..=600)
+        .map(|i| {
+            let t = f64::from(i) / 600.0 * std::f64::consts::TAU;
+            (3.0 * t.sin(), 3.0 * t.sin() * t.cos())
+        })
+        .collect();
+    path(&points)
+}
+
+#[test]
+fn trackers_obey_the_laws_of_their_role() {
+    let limits = TwistLimits::default();
+    for path in [path(&[(0.0, 0.0), (5.0, 0.0)]), path(&[(0.0, 0.0), (3.0, 0.0), (3.0, 3.0), (0.0, 3.0)]), eight()] {
+        for (name, mut tracker) in trackers() {
+            laws::path_tracker(tracker.as_mut(), &path, &limits, 0.05)
+                .unwrap_or_else(|error| panic!("{name}: {error}"));
+        }
+    }
+}
+
+#[test]
+fn a_vehicle_that_faces_away_turns_first() {
+    for (name, mut tracker) in trackers() {
+        tracker.set_path(&path(&[(0.0, 0.0), (4.0, 0.0)])).unwrap();
+        let mut state = VehicleState { map_from_base: Se2::new(0.0, 0.0, 3.0), twist: Twist2::ZERO };
+        let mut farthest: f64 = 0.0;
+        let arrived = (0..2000).any(|_| {
+            let command = tracker.command(&state, &TwistLimits::default(), 0.05).unwrap();
+            state = VehicleState {
+                map_from_base: state.map_from_base * command.twist.integrate(0.05),
+                twist: command.twist,
+            };
+            farthest = farthest.max(state.map_from_base.y().abs());
+            command.status == TrackStatus::Arrived
+        });
+        assert!(arrived && farthest < 0.1, "{name}: {farthest} m off");
+    }
+}
+
+#[test]
+fn a_cusp_is_driven_in_both_gears() {
+    let mut path = Path::new();
+    for (x, y, gear) in [(0.0, 0.0, Gear::Forward), (2.0, 0.0, Gear::Forward), (1.0, 0.0, Gear::Reverse)] {
+        path.push(PathPoint { pose: Se2::new(x, y, 0.0), gear }).unwrap();
+    }
+    for (name, mut tracker) in trackers() {
+        tracker.set_path(&path).unwrap();
+        let mut state = VehicleState::default();
+        let mut reversed = false;
+        let arrived = (0..2000).any(|_| {
+            let command = tracker.command(&state, &TwistLimits::default(), 0.05).unwrap();
+            state = VehicleState {
+                map_from_base: state.map_from_base * command.twist.integrate(0.05),
+                twist: command.twist,
+            };
+            reversed |= command.twist.vx < -0.1;
+            command.status == TrackStatus::Arrived
+        });
+        let end = state.map_from_base;
+        assert!(arrived && reversed && (end.x() - 1.0).abs() < 0.03 && end.yaw().abs() < 0.1, "{name}: {end:?}");
+    }
+}
+
+/// Actuator lag, pose noise and yaw slip as in the tracking experiments: no tracker may leave the path.
+#[test]
+fn trackers_hold_the_path_against_noise_and_lag() {
+    let (dt, lag, slip) = (0.02, 0.15, 1.03);
+    let limits = TwistLimits { yaw_rate: 2.0, yaw_acceleration: 4.0, ..TwistLimits::default() };
+    let (position_noise, yaw_noise) =
+        (Normal::new(0.0, 0.01).unwrap(), Normal::new(0.0, 0.5_f64.to_radians()).unwrap());
+    for seed in 0..5 {
+        for (name, mut tracker) in trackers() {
+            let path = eight();
+            tracker.set_path(&path).unwrap();
+            let mut noise = Seed(seed).stream(0, 0);
+            let start = path.points()[0].pose;
+            let (mut pose, mut twist, mut command) = (start, Twist2::ZERO, Twist2::ZERO);
+            let (mut square, mut cycles, mut arrived) = (0.0, 0.0, false);
+            for _ in 0..10_000 {
+                let measured = Se2::new(
+                    pose.x() + position_noise.sample(&mut noise),
+                    pose.y() + position_noise.sample(&mut noise),
+                    pose.yaw() + yaw_noise.sample(&mut noise),
+                );
+                let reply =
+                    tracker.command(&VehicleState { map_from_base: measured, twist: command }, &limits, dt).unwrap();
+                assert_ne!(reply.status, TrackStatus::OffPath, "{name}");
+                command = reply.twist;
+                let blend = 1.0 - (-dt / lag).exp();
+                twist.vx += (command.vx - twist.vx) * blend;
+                twist.yaw_rate += (command.yaw_rate - twist.yaw_rate) * blend;
+                pose = pose * Twist2::new(twist.vx, 0.0, twist.yaw_rate * slip).integrate(dt);
+                square += reply.cross_track_error.powi(2);
+                cycles += 1.0;
+                arrived = reply.status == TrackStatus::Arrived;
+                if arrived {
+                    break;
+                }
+            }
+            let rmse = f64::sqrt(square / cycles);
+            assert!(arrived && rmse < 0.05, "{name}: arrived {arrived}, rmse {rmse} m");
+        }
+    }
+}
