@@ -1,0 +1,35 @@
+//! One error type over all parts, for callers who compose several.
+
+use agv_core::roles::{
+    ControlError, LocalPlanError, LocalizationError, PlanError, RegistrationError, ScanMatchError, TrackError,
+};
+
+/// Whatever a part of a pipeline refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A value was refused at construction.
+    #[error(transparent)]
+    Core(#[from] agv_core::Error),
+    /// A localizer refused a call.
+    #[error(transparent)]
+    Localization(#[from] LocalizationError),
+    /// A scan matcher refused a call.
+    #[error(transparent)]
+    ScanMatch(#[from] ScanMatchError),
+    /// A registration or a lidar odometry refused a call.
+    #[error(transparent)]
+    Registration(#[from] RegistrationError),
+    /// A global planner refused a query.
+    #[error(transparent)]
+    Plan(#[from] PlanError),
+    /// A local planner refused a request.
+    #[error(transparent)]
+    LocalPlan(#[from] LocalPlanError),
+    /// A path tracker refused a call.
+    #[error(transparent)]
+    Track(#[from] TrackError),
+    /// A controller refused a call.
+    #[error(transparent)]
+    Control(#[from] ControlError),
+}

@@ -1,0 +1,16 @@
+//! What nearly every pipeline names: `use agv_nav::prelude::*;`.
+
+pub use agv_core::{
+    compute::{Par, Seed},
+    geometry::{LieGroup, Se2, Se3, So2, So3, Twist2, Twist3},
+    grid::{Cell, CellState, Costmap, Grid, GridLayout},
+    kinematics::TwistLimits,
+    odometry::OdometryIncrement,
+    path::Path,
+    roles::{
+        Controller, Correct, GlobalPlanner, LidarOdometry, LocalPlanRequest, LocalPlanner, Localizer, PathTracker,
+        PlanOutcome, PoseBelief, PoseEstimate, Registration, ScanMatcher, TrackStatus, UpdateOutcome, VehicleState,
+    },
+    sensors::{LaserScan, PointCloud, ScanGeometry},
+    time::Stamp,
+};
