@@ -30,6 +30,7 @@
 pub mod check;
 pub mod compute;
 mod error;
+pub mod frames;
 pub mod geometry;
 pub mod grid;
 pub mod kinematics;
