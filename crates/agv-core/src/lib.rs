@@ -34,11 +34,13 @@ pub mod frames;
 pub mod geometry;
 pub mod grid;
 pub mod kinematics;
+pub mod metrics;
 pub mod obstacle;
 pub mod odometry;
 pub mod path;
 pub mod roles;
 pub mod sensors;
+pub mod solve;
 pub mod time;
 
 pub use error::Error;
