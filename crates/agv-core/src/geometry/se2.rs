@@ -119,18 +119,29 @@ impl LieGroup for Se2 {
     #[inline]
     fn exp(tangent: &Self::Tangent) -> Self {
         let yaw = tangent.z;
-        let (a, b) = (series::sinc(yaw), yaw * series::one_minus_cos(yaw));
-        Self::from_parts(
-            Vector2::new(a * tangent.x - b * tangent.y, b * tangent.x + a * tangent.y),
-            So2::from_angle(yaw),
-        )
+        // Sine and cosine of the half angle give all four terms without cancellation, from one evaluation.
+        let (sin, cos) = (0.5 * yaw).sin_cos();
+        let rotation = So2::from_half_angle(cos, sin);
+        // sin yaw / yaw and (1 - cos yaw) / yaw
+        let (a, b) = if yaw.abs() < 1e-150 { (1.0, 0.0) } else { (rotation.sin() / yaw, 2.0 * sin * sin / yaw) };
+        let (x, y) = (tangent.x, tangent.y);
+        Self { translation: Vector2::new(a * x - b * y, b * x + a * y), rotation }
     }
 
     /// Eq. 157.
     #[inline]
     fn log(&self) -> Self::Tangent {
         let yaw = self.yaw();
-        let (a, b) = (series::half_cot(yaw), 0.5 * yaw);
+        let (cos, sin) = (self.rotation.cos(), self.rotation.sin());
+        // yaw/2 cot(yaw/2), by the form of the cotangent that does not cancel on this side of the circle.
+        let a = if cos < 0.0 {
+            0.5 * yaw * sin / (1.0 - cos)
+        } else if sin.abs() < 1e-150 {
+            1.0
+        } else {
+            0.5 * yaw * (1.0 + cos) / sin
+        };
+        let b = 0.5 * yaw;
         let t = self.translation;
         Vector3::new(a * t.x + b * t.y, a * t.y - b * t.x, yaw)
     }

@@ -32,6 +32,12 @@ impl So2 {
         Self { cos, sin }
     }
 
+    /// The rotation by twice the angle with this cosine and sine.
+    #[inline]
+    pub(super) fn from_half_angle(cos: f64, sin: f64) -> Self {
+        Self { cos: 1.0 - 2.0 * sin * sin, sin: 2.0 * sin * cos }
+    }
+
     /// The rotation that turns the x axis towards `(x, y)`; identity for the zero vector.
     #[inline]
     pub fn from_direction(x: f64, y: f64) -> Self {

@@ -81,7 +81,8 @@ impl Statistics {
     /// Percentages beyond 0 and 100 read as those; NaN reads as 0.
     pub fn percentile(&self, percent: f64) -> f64 {
         let last = self.sorted.len() - 1;
-        let rank = percent.max(0.0).min(100.0) / 100.0 * last as f64;
+        let percent = if percent.is_nan() { 0.0 } else { percent.clamp(0.0, 100.0) };
+        let rank = percent / 100.0 * last as f64;
         let (low, part) = (rank.floor(), rank - rank.floor());
         let below = self.sorted[(low as usize).min(last)];
         let above = self.sorted[(low as usize + 1).min(last)];
