@@ -8,6 +8,7 @@
 //! ```
 
 use crate::Error;
+use nalgebra::SMatrix;
 
 /// Accepts a finite value.
 ///
@@ -73,6 +74,61 @@ pub fn length(name: &'static str, len: usize, expected: usize) -> Result<usize, 
     if len == expected { Ok(len) } else { Err(Error::LengthMismatch { name, len, expected }) }
 }
 
+/// Accepts a symmetric, positive semi-definite matrix: a covariance, whose entries may differ in unit. Zero variances
+/// are fine, they mean known exactly.
+///
+/// # Errors
+/// [`Error::NotFinite`], or [`Error::NotCovariance`] with the asymmetry or the negative pivot.
+pub fn covariance<const N: usize>(name: &'static str, matrix: &SMatrix<f64, N, N>) -> Result<(), Error> {
+    least_pivot(name, matrix, -ROUNDING)
+}
+
+/// Accepts a symmetric, positive definite matrix: a covariance that can be inverted, or an information matrix.
+///
+/// # Errors
+/// [`Error::NotFinite`], or [`Error::NotCovariance`] with the asymmetry or the least pivot.
+pub fn positive_definite<const N: usize>(name: &'static str, matrix: &SMatrix<f64, N, N>) -> Result<(), Error> {
+    least_pivot(name, matrix, f64::EPSILON)
+}
+
+/// Rounding that a covariance may carry, relative to its diagonal.
+const ROUNDING: f64 = 1e-10;
+
+/// `L D Lᵀ` in place, without pivoting; entries of `D` below `limit` times the diagonal are refused. Relative to the
+/// diagonal, so that metres and radians do not mix.
+fn least_pivot<const N: usize>(name: &'static str, matrix: &SMatrix<f64, N, N>, limit: f64) -> Result<(), Error> {
+    all_finite(name, matrix.iter())?;
+    let mut rest = *matrix;
+    for j in 0..N {
+        let (scale, pivot) = (matrix[(j, j)], rest[(j, j)]);
+        if scale < 0.0 || pivot < limit * scale || (limit > 0.0 && pivot <= 0.0) {
+            return Err(Error::NotCovariance { name, pivot });
+        }
+        // A pivot that is only rounding leaves nothing to eliminate, but its column must then vanish as well.
+        let noise = ROUNDING * scale;
+        for i in j + 1..N {
+            let (size, rest_size) = ((scale * matrix[(i, i)].abs()).sqrt(), noise.max(pivot) * rest[(i, i)].abs());
+            let asymmetry = (matrix[(i, j)] - matrix[(j, i)]).abs();
+            if asymmetry > 1e-9 * size {
+                return Err(Error::NotCovariance { name, pivot: asymmetry });
+            }
+            if rest[(i, j)].abs() > rest_size.sqrt() * (1.0 + ROUNDING) + ROUNDING * size {
+                let determinant = pivot * rest[(i, i)] - rest[(i, j)] * rest[(i, j)];
+                return Err(Error::NotCovariance { name, pivot: determinant / scale.max(f64::MIN_POSITIVE) });
+            }
+        }
+        if pivot > noise {
+            for i in j + 1..N {
+                let factor = rest[(i, j)] / pivot;
+                for k in j + 1..=i {
+                    rest[(i, k)] -= factor * rest[(k, j)];
+                }
+            }
+        }
+    }
+    Ok(())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -88,6 +144,27 @@ mod tests {
         assert!(open_probability("v", nan).is_err());
         assert!(positive("v", f64::INFINITY).is_err());
         assert!(non_negative("v", f64::INFINITY).is_err());
+    }
+
+    #[test]
+    fn covariances_may_be_singular_but_not_indefinite() {
+        let mixed = nalgebra::Matrix3::new(4.0, 2e-6, 0.0, 2e-6, 1e-12, 0.0, 0.0, 0.0, 0.0);
+        assert_eq!(covariance("c", &mixed), Ok(()), "rank one, units far apart, and a zero variance");
+        assert!(positive_definite("c", &mixed).is_err());
+        assert_eq!(positive_definite("c", &nalgebra::Matrix3::from_diagonal_element(1e-12)), Ok(()));
+        for bad in [
+            [1.0, 0.5, 0.4, 1.0],  // not symmetric
+            [1.0, 2.0, 2.0, 1.0],  // correlation beyond one
+            [1.0, 0.0, 0.0, -1.0], // negative variance
+            [0.0, 0.1, 0.1, 1.0],  // correlated with a constant
+            [1.0, 1.0 + 1e-6, 1.0 + 1e-6, 1.0],
+        ] {
+            let matrix = nalgebra::Matrix2::from_column_slice(&bad);
+            assert!(matches!(covariance("c", &matrix), Err(Error::NotCovariance { .. })), "{bad:?}");
+            assert!(matches!(positive_definite("c", &matrix), Err(Error::NotCovariance { .. })), "{bad:?}");
+        }
+        let nan = nalgebra::Matrix2::from_element(f64::NAN);
+        assert!(matches!(covariance("c", &nan), Err(Error::NotFinite { .. })));
     }
 
     #[test]

@@ -30,14 +30,17 @@
 pub mod check;
 pub mod compute;
 mod error;
+pub mod frames;
 pub mod geometry;
 pub mod grid;
 pub mod kinematics;
+pub mod metrics;
 pub mod obstacle;
 pub mod odometry;
 pub mod path;
 pub mod roles;
 pub mod sensors;
+pub mod solve;
 pub mod time;
 
 pub use error::Error;

@@ -1,5 +1,6 @@
 //! The contract that all groups share.
 
+use crate::Error;
 use std::fmt::Debug;
 use std::ops::{Add, Mul, Neg, Sub};
 
@@ -52,6 +53,10 @@ pub trait LieGroup: Copy + Debug + PartialEq + Default + Send + Sync + sealed::S
         + Mul<Self::Tangent, Output = Self::Tangent>;
     /// Point that the group acts on, in metres.
     type Point: Copy + Debug + PartialEq + Send + Sync;
+    /// Jacobian of a moved point with respect to the motion: one row per coordinate, `DOF` columns.
+    type ActJacobian: Copy + Debug + PartialEq + Send + Sync;
+    /// Jacobian of a moved point with respect to the point: square.
+    type PointJacobian: Copy + Debug + PartialEq + Send + Sync;
 
     /// The motion that moves nothing.
     fn identity() -> Self;
@@ -71,6 +76,9 @@ pub trait LieGroup: Copy + Debug + PartialEq + Default + Send + Sync + sealed::S
     /// The point of the source frame, seen in the target frame.
     fn act(&self, point: &Self::Point) -> Self::Point;
 
+    /// Jacobians of [`act`](Self::act): with respect to the motion and to the point (Eqs. 130, 150, 166 and 182).
+    fn act_jacobians(&self, point: &Self::Point) -> (Self::ActJacobian, Self::PointJacobian);
+
     /// Ad, the matrix that moves tangents from the source to the target frame (Eq. 29):
     /// `x ∘ exp(τ) = exp(Ad τ) ∘ x`.
     fn adjoint(&self) -> Self::Matrix;
@@ -83,6 +91,15 @@ pub trait LieGroup: Copy + Debug + PartialEq + Default + Send + Sync + sealed::S
 
     /// Transpose of a tangent-space matrix.
     fn transpose(matrix: &Self::Matrix) -> Self::Matrix;
+
+    /// `a bᵀ`, the product of two tangents that covariances are sums of.
+    fn outer(a: &Self::Tangent, b: &Self::Tangent) -> Self::Matrix;
+
+    /// Accepts a symmetric, positive semi-definite tangent-space matrix: [`check::covariance`](crate::check::covariance).
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`] or [`Error::NotCovariance`].
+    fn check_covariance(name: &'static str, matrix: &Self::Matrix) -> Result<(), Error>;
 
     /// The unit matrix of the tangent space.
     fn identity_matrix() -> Self::Matrix;
@@ -127,6 +144,45 @@ pub trait LieGroup: Copy + Debug + PartialEq + Default + Send + Sync + sealed::S
     #[inline]
     fn between(&self, other: &Self) -> Self {
         self.inverse().compose(other)
+    }
+
+    /// Jacobians of [`compose`](Self::compose): with respect to `self` (Eq. 64, `Ad(rhs)⁻¹`) and to `rhs` (Eq. 65, the
+    /// unit matrix).
+    ///
+    /// Here and below a Jacobian maps the right increment of an argument to that of the result.
+    ///
+    /// ```
+    /// use agv_core::geometry::{LieGroup, Se2};
+    /// use agv_core::nalgebra::Vector3;
+    ///
+    /// let (a, b) = (Se2::new(1.0, 2.0, 0.5), Se2::new(0.3, -0.1, 1.2));
+    /// let step = Vector3::new(1e-6, -2e-6, 3e-6);
+    /// let (by_a, _) = a.compose_jacobians(&b);
+    /// let moved = a.plus(&step).compose(&b).minus(&a.compose(&b));
+    /// assert!((moved - by_a * step).norm() < 1e-15);
+    /// ```
+    #[inline]
+    fn compose_jacobians(&self, rhs: &Self) -> (Self::Matrix, Self::Matrix) {
+        (rhs.inverse().adjoint(), Self::identity_matrix())
+    }
+
+    /// Jacobian of [`inverse`](Self::inverse): `-Ad` (Eq. 62).
+    #[inline]
+    fn inverse_jacobian(&self) -> Self::Matrix {
+        -self.adjoint()
+    }
+
+    /// Jacobians of [`between`](Self::between): with respect to `self` (`-Ad(other⁻¹ ∘ self)`) and to `other` (the unit
+    /// matrix).
+    #[inline]
+    fn between_jacobians(&self, other: &Self) -> (Self::Matrix, Self::Matrix) {
+        (-other.between(self).adjoint(), Self::identity_matrix())
+    }
+
+    /// Jacobian of [`log`](Self::log): `Jr⁻¹(log self)` (Eq. 79).
+    #[inline]
+    fn log_jacobian(&self) -> Self::Matrix {
+        Self::right_jacobian_inverse(&self.log())
     }
 
     /// The motion a `fraction` of the way to `other` along the geodesic: 0 gives `self`, 1 gives `other`.

@@ -6,7 +6,9 @@
 //! the translation first: `(x, y, yaw)` on SE(2), `(x, y, z, rx, ry, rz)` on SE(3).
 
 mod angle;
+mod covariance;
 mod group;
+mod mean;
 mod se2;
 mod se3;
 mod series;
@@ -15,9 +17,18 @@ mod so3;
 mod twist;
 
 pub use angle::{angle_difference, wrap_angle};
+pub use covariance::{UncertainPose, propagate_covariance};
 pub use group::LieGroup;
+pub use mean::{CircularMean, PoseMean, circular_mean, pose_mean};
 pub use se2::Se2;
 pub use se3::Se3;
 pub use so2::So2;
 pub use so3::So3;
 pub use twist::{Twist2, Twist3};
+
+/// Accepts the squared norm of a stored rotation. Compositions keep it within a few units in the last place, so
+/// anything beyond is a damaged or a rounded file; normalising it would change the bits of a sound one.
+#[cfg(feature = "serde")]
+fn check_unit_norm(name: &'static str, norm_squared: f64) -> Result<(), crate::Error> {
+    crate::check::in_range(name, norm_squared, 1.0 - 1e-9, 1.0 + 1e-9).map(|_| ())
+}

@@ -1,7 +1,8 @@
 //! Rigid motions of the plane: the poses of a vehicle on a floor.
 
 use super::{LieGroup, So2, group::sealed::Sealed, series};
-use nalgebra::{Isometry2, Matrix2, Matrix3, Vector2, Vector3};
+use crate::{Error, check};
+use nalgebra::{Isometry2, Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
 use std::ops::Mul;
 
 /// A rigid motion of the plane, or the pose of one frame in another.
@@ -21,7 +22,7 @@ use std::ops::Mul;
 /// assert!((arc.translation() - Vector2::new(1.0, 1.0)).norm() < 1e-12);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "RawSe2"))]
 pub struct Se2 {
     translation: Vector2<f64>,
     rotation: So2,
@@ -69,12 +70,23 @@ impl Se2 {
     pub const fn rotation(&self) -> So2 {
         self.rotation
     }
+}
 
-    /// Jacobians of [`act`](LieGroup::act): with respect to the pose (Eq. 166) and to the point (Eq. 167).
-    pub fn act_jacobians(&self, point: &Vector2<f64>) -> (nalgebra::Matrix2x3<f64>, Matrix2<f64>) {
-        let (c, s) = (self.rotation.cos(), self.rotation.sin());
-        let rotated = self.rotation.act(point);
-        (nalgebra::Matrix2x3::new(c, -s, -rotated.y, s, c, rotated.x), Matrix2::new(c, -s, s, c))
+/// A pose as it is stored, before it is checked.
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+struct RawSe2 {
+    translation: Vector2<f64>,
+    rotation: So2,
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<RawSe2> for Se2 {
+    type Error = Error;
+
+    fn try_from(raw: RawSe2) -> Result<Self, Error> {
+        check::all_finite("translation", raw.translation.iter())?;
+        Ok(Self::from_parts(raw.translation, raw.rotation))
     }
 }
 
@@ -85,6 +97,8 @@ impl LieGroup for Se2 {
     type Tangent = Vector3<f64>;
     type Matrix = Matrix3<f64>;
     type Point = Vector2<f64>;
+    type ActJacobian = Matrix2x3<f64>;
+    type PointJacobian = Matrix2<f64>;
 
     fn identity() -> Self {
         Self::default()
@@ -105,25 +119,54 @@ impl LieGroup for Se2 {
     #[inline]
     fn exp(tangent: &Self::Tangent) -> Self {
         let yaw = tangent.z;
-        let (a, b) = (series::sinc(yaw), yaw * series::one_minus_cos(yaw));
-        Self::from_parts(
-            Vector2::new(a * tangent.x - b * tangent.y, b * tangent.x + a * tangent.y),
-            So2::from_angle(yaw),
-        )
+        // Sine and cosine of the half angle give all four terms without cancellation, from one evaluation.
+        let (sin, cos) = (0.5 * yaw).sin_cos();
+        let rotation = So2::from_half_angle(cos, sin);
+        // sin yaw / yaw and (1 - cos yaw) / yaw
+        let (a, b) = if yaw.abs() < 1e-150 { (1.0, 0.0) } else { (rotation.sin() / yaw, 2.0 * sin * sin / yaw) };
+        let (x, y) = (tangent.x, tangent.y);
+        Self { translation: Vector2::new(a * x - b * y, b * x + a * y), rotation }
     }
 
     /// Eq. 157.
     #[inline]
     fn log(&self) -> Self::Tangent {
         let yaw = self.yaw();
-        let (a, b) = (series::half_cot(yaw), 0.5 * yaw);
+        let (cos, sin) = (self.rotation.cos(), self.rotation.sin());
+        // yaw/2 cot(yaw/2), by the form of the cotangent that does not cancel on this side of the circle.
+        let a = if cos < 0.0 {
+            0.5 * yaw * sin / (1.0 - cos)
+        } else if sin.abs() < 1e-150 {
+            1.0
+        } else {
+            0.5 * yaw * (1.0 + cos) / sin
+        };
+        let b = 0.5 * yaw;
         let t = self.translation;
         Vector3::new(a * t.x + b * t.y, a * t.y - b * t.x, yaw)
+    }
+
+    /// Subtracts the translations before it turns them: far from the origin the general form would cancel.
+    #[inline]
+    fn between(&self, other: &Self) -> Self {
+        let rotation = self.rotation.inverse();
+        Self {
+            translation: rotation.act(&(other.translation - self.translation)),
+            rotation: rotation.compose(&other.rotation),
+        }
     }
 
     #[inline]
     fn act(&self, point: &Self::Point) -> Self::Point {
         self.rotation.act(point) + self.translation
+    }
+
+    /// Eqs. 166 and 167.
+    #[inline]
+    fn act_jacobians(&self, point: &Self::Point) -> (Self::ActJacobian, Self::PointJacobian) {
+        let (c, s) = (self.rotation.cos(), self.rotation.sin());
+        let rotated = self.rotation.act(point);
+        (Matrix2x3::new(c, -s, -rotated.y, s, c, rotated.x), Matrix2::new(c, -s, s, c))
     }
 
     /// Eq. 159.
@@ -152,6 +195,15 @@ impl LieGroup for Se2 {
     #[inline]
     fn transpose(matrix: &Self::Matrix) -> Self::Matrix {
         matrix.transpose()
+    }
+
+    #[inline]
+    fn outer(a: &Self::Tangent, b: &Self::Tangent) -> Self::Matrix {
+        a * b.transpose()
+    }
+
+    fn check_covariance(name: &'static str, matrix: &Self::Matrix) -> Result<(), Error> {
+        check::covariance(name, matrix)
     }
 
     fn identity_matrix() -> Self::Matrix {

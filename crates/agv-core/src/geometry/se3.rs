@@ -1,6 +1,7 @@
 //! Rigid motions of space: the poses of sensors, and of vehicles on ramps.
 
 use super::{LieGroup, Se2, So3, group::sealed::Sealed, series, so3::skew};
+use crate::{Error, check};
 use nalgebra::{Isometry3, Matrix3, Matrix3x6, Matrix6, Vector2, Vector3, Vector6};
 use std::ops::Mul;
 
@@ -18,7 +19,7 @@ use std::ops::Mul;
 /// assert!(floor.z.abs() < 1e-12);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "RawSe3"))]
 pub struct Se3 {
     translation: Vector3<f64>,
     rotation: So3,
@@ -48,15 +49,6 @@ impl Se3 {
         let (_, _, yaw) = self.rotation.roll_pitch_yaw();
         Se2::new(self.translation.x, self.translation.y, yaw)
     }
-
-    /// Jacobians of [`act`](LieGroup::act): with respect to the pose (Eq. 182) and to the point (Eq. 183).
-    pub fn act_jacobians(&self, point: &Vector3<f64>) -> (Matrix3x6<f64>, Matrix3<f64>) {
-        let rotation = self.rotation.matrix();
-        let mut pose = Matrix3x6::zeros();
-        pose.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
-        pose.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-rotation * skew(point)));
-        (pose, rotation)
-    }
 }
 
 /// A 6x6 matrix with the same block on the diagonal and one block above it.
@@ -80,6 +72,24 @@ fn q_block(rho: &Vector3<f64>, theta: &Vector3<f64>) -> Matrix3<f64> {
     v * 0.5 + (wv + vw + wvw) * a + (w * wv + vw * w - wvw * 3.0) * b + (wvw * w + w * wvw) * c
 }
 
+/// A pose as it is stored, before it is checked.
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+struct RawSe3 {
+    translation: Vector3<f64>,
+    rotation: So3,
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<RawSe3> for Se3 {
+    type Error = Error;
+
+    fn try_from(raw: RawSe3) -> Result<Self, Error> {
+        check::all_finite("translation", raw.translation.iter())?;
+        Ok(Self::from_parts(raw.translation, raw.rotation))
+    }
+}
+
 impl Sealed for Se3 {}
 
 impl LieGroup for Se3 {
@@ -87,6 +97,8 @@ impl LieGroup for Se3 {
     type Tangent = Vector6<f64>;
     type Matrix = Matrix6<f64>;
     type Point = Vector3<f64>;
+    type ActJacobian = Matrix3x6<f64>;
+    type PointJacobian = Matrix3<f64>;
 
     fn identity() -> Self {
         Self::default()
@@ -116,9 +128,28 @@ impl LieGroup for Se3 {
         Vector6::new(rho.x, rho.y, rho.z, theta.x, theta.y, theta.z)
     }
 
+    /// Subtracts the translations before it turns them: far from the origin the general form would cancel.
+    #[inline]
+    fn between(&self, other: &Self) -> Self {
+        let rotation = self.rotation.inverse();
+        Self {
+            translation: rotation.act(&(other.translation - self.translation)),
+            rotation: rotation.compose(&other.rotation),
+        }
+    }
+
     #[inline]
     fn act(&self, point: &Self::Point) -> Self::Point {
         self.rotation.act(point) + self.translation
+    }
+
+    /// Eqs. 182 and 183.
+    fn act_jacobians(&self, point: &Self::Point) -> (Self::ActJacobian, Self::PointJacobian) {
+        let rotation = self.rotation.matrix();
+        let mut pose = Matrix3x6::zeros();
+        pose.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
+        pose.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-rotation * skew(point)));
+        (pose, rotation)
     }
 
     /// Eq. 175.
@@ -143,6 +174,15 @@ impl LieGroup for Se3 {
     #[inline]
     fn transpose(matrix: &Self::Matrix) -> Self::Matrix {
         matrix.transpose()
+    }
+
+    #[inline]
+    fn outer(a: &Self::Tangent, b: &Self::Tangent) -> Self::Matrix {
+        a * b.transpose()
+    }
+
+    fn check_covariance(name: &'static str, matrix: &Self::Matrix) -> Result<(), Error> {
+        check::covariance(name, matrix)
     }
 
     fn identity_matrix() -> Self::Matrix {

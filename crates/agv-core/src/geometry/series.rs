@@ -6,24 +6,32 @@
 /// Angle below which the series are used, in radians. The closed forms lose about `eps / SMALL^k` in their numerators.
 const SMALL: f64 = 1.0;
 
-/// Terms of each series: `SMALL^(2 TERMS) / (2 TERMS)!` is below 1e-19.
-const TERMS: i32 = 11;
+/// Terms of each series: `SMALL^(2 TERMS) / (2 TERMS + 3)!` is below 1e-22.
+const TERMS: usize = 10;
 
-/// Sum of `(-x²)^k / (2k + offset)!` over k: the series that all of these share.
-fn alternating(x: f64, offset: i32) -> f64 {
-    let square = x * x;
-    // Horner from the last term: s = 1 - x² / ((2k + o - 1)(2k + o)) s.
-    let mut sum = 1.0;
-    for k in (1..TERMS).rev() {
-        let n = f64::from(2 * k + offset);
-        sum = 1.0 - square / (n * (n - 1.0)) * sum;
+/// `1 / (2k + OFFSET)!` over k, the coefficients that all of these share.
+const fn coefficients<const OFFSET: usize>() -> [f64; TERMS] {
+    let mut coefficients = [1.0; TERMS];
+    let (mut factorial, mut n) = (1.0, 1);
+    while n < 2 * TERMS + OFFSET {
+        factorial *= n as f64;
+        if n >= OFFSET && (n - OFFSET).is_multiple_of(2) && (n - OFFSET) / 2 < TERMS {
+            coefficients[(n - OFFSET) / 2] = 1.0 / factorial;
+        }
+        n += 1;
     }
-    (2..=offset).fold(sum, |sum, n| sum / f64::from(n))
+    coefficients
 }
 
-/// sin x / x.
+/// Sum of `(-x²)^k / (2k + OFFSET)!` over k, by Horner's rule.
+fn alternating<const OFFSET: usize>(x: f64) -> f64 {
+    let square = x * x;
+    const { coefficients::<OFFSET>() }.iter().rev().fold(0.0, |sum, c| c - square * sum)
+}
+
+/// sin x / x. The quotient never cancels: only zero itself, and what would round to it, needs the limit.
 pub(super) fn sinc(x: f64) -> f64 {
-    if x.abs() < SMALL { alternating(x, 1) } else { x.sin() / x }
+    if x.abs() < 1e-150 { 1.0 } else { x.sin() / x }
 }
 
 /// (1 - cos x) / x².
@@ -34,13 +42,13 @@ pub(super) fn one_minus_cos(x: f64) -> f64 {
 
 /// (x - sin x) / x³.
 pub(super) fn x_minus_sin(x: f64) -> f64 {
-    if x.abs() < SMALL { alternating(x, 3) } else { (x - x.sin()) / (x * x * x) }
+    if x.abs() < SMALL { alternating::<3>(x) } else { (x - x.sin()) / (x * x * x) }
 }
 
 /// (x²/2 - 1 + cos x) / x⁴.
 pub(super) fn cos_remainder(x: f64) -> f64 {
     if x.abs() < SMALL {
-        alternating(x, 4)
+        alternating::<4>(x)
     } else {
         let square = x * x;
         (0.5 * square - 1.0 + x.cos()) / (square * square)
@@ -50,7 +58,7 @@ pub(super) fn cos_remainder(x: f64) -> f64 {
 /// (x³/6 - x + sin x) / x⁵.
 pub(super) fn sin_remainder(x: f64) -> f64 {
     if x.abs() < SMALL {
-        alternating(x, 5)
+        alternating::<5>(x)
     } else {
         let square = x * x;
         (x * square / 6.0 - x + x.sin()) / (square * square * x)

@@ -1,7 +1,8 @@
 //! Rotations of the plane, as unit complex numbers.
 
 use super::{LieGroup, group::sealed::Sealed};
-use nalgebra::{Matrix1, UnitComplex, Vector1, Vector2};
+use crate::{Error, check};
+use nalgebra::{Matrix1, Matrix2, UnitComplex, Vector1, Vector2};
 use std::ops::Mul;
 
 /// A rotation of the plane.
@@ -17,7 +18,7 @@ use std::ops::Mul;
 /// assert!((quarter.compose(&quarter).angle() - std::f64::consts::PI).abs() < 1e-12);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(from = "f64", into = "f64"))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "RawSo2"))]
 pub struct So2 {
     cos: f64,
     sin: f64,
@@ -29,6 +30,12 @@ impl So2 {
     pub fn from_angle(angle: f64) -> Self {
         let (sin, cos) = angle.sin_cos();
         Self { cos, sin }
+    }
+
+    /// The rotation by twice the angle with this cosine and sine.
+    #[inline]
+    pub(super) fn from_half_angle(cos: f64, sin: f64) -> Self {
+        Self { cos: 1.0 - 2.0 * sin * sin, sin: 2.0 * sin * cos }
     }
 
     /// The rotation that turns the x axis towards `(x, y)`; identity for the zero vector.
@@ -63,6 +70,24 @@ impl Default for So2 {
     }
 }
 
+/// A rotation as it is stored. An angle would not do: its sine and cosine need not round back to the same bits.
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+struct RawSo2 {
+    cos: f64,
+    sin: f64,
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<RawSo2> for So2 {
+    type Error = Error;
+
+    fn try_from(raw: RawSo2) -> Result<Self, Error> {
+        super::check_unit_norm("rotation", raw.cos * raw.cos + raw.sin * raw.sin)?;
+        Ok(Self { cos: raw.cos, sin: raw.sin })
+    }
+}
+
 impl Sealed for So2 {}
 
 impl LieGroup for So2 {
@@ -70,6 +95,8 @@ impl LieGroup for So2 {
     type Tangent = Vector1<f64>;
     type Matrix = Matrix1<f64>;
     type Point = Vector2<f64>;
+    type ActJacobian = Vector2<f64>;
+    type PointJacobian = Matrix2<f64>;
 
     fn identity() -> Self {
         Self::default()
@@ -104,6 +131,13 @@ impl LieGroup for So2 {
         Vector2::new(self.cos * point.x - self.sin * point.y, self.sin * point.x + self.cos * point.y)
     }
 
+    /// Eqs. 129 and 130.
+    #[inline]
+    fn act_jacobians(&self, point: &Self::Point) -> (Self::ActJacobian, Self::PointJacobian) {
+        let rotated = self.act(point);
+        (Vector2::new(-rotated.y, rotated.x), Matrix2::new(self.cos, -self.sin, self.sin, self.cos))
+    }
+
     fn adjoint(&self) -> Self::Matrix {
         Matrix1::identity()
     }
@@ -118,6 +152,15 @@ impl LieGroup for So2 {
 
     fn transpose(matrix: &Self::Matrix) -> Self::Matrix {
         *matrix
+    }
+
+    #[inline]
+    fn outer(a: &Self::Tangent, b: &Self::Tangent) -> Self::Matrix {
+        a * b.transpose()
+    }
+
+    fn check_covariance(name: &'static str, matrix: &Self::Matrix) -> Result<(), Error> {
+        check::covariance(name, matrix)
     }
 
     fn identity_matrix() -> Self::Matrix {
@@ -163,8 +206,10 @@ impl From<So2> for f64 {
 }
 
 impl From<UnitComplex<f64>> for So2 {
+    /// Takes a rotation that may have drifted from unit length a little one step back to it.
     fn from(rotation: UnitComplex<f64>) -> Self {
-        Self { cos: rotation.re, sin: rotation.im }
+        let scale = 1.5 - 0.5 * (rotation.re * rotation.re + rotation.im * rotation.im);
+        Self { cos: rotation.re * scale, sin: rotation.im * scale }
     }
 }
 

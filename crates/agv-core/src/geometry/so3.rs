@@ -1,8 +1,9 @@
 //! Rotations of space, as unit quaternions.
 
-use super::{LieGroup, group::sealed::Sealed, series};
+use super::{LieGroup, group::sealed::Sealed, series, wrap_angle};
+use crate::{Error, check};
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
-use std::ops::Mul;
+use std::{f64::consts::FRAC_PI_2, ops::Mul};
 
 /// A rotation of space.
 ///
@@ -14,8 +15,11 @@ use std::ops::Mul;
 /// assert!((left.act(&Vector3::x()) - Vector3::y()).norm() < 1e-12);
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(transparent))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "RawSo3"))]
 pub struct So3(UnitQuaternion<f64>);
+
+/// Half of the pitch's distance from ±π/2, in radians, below which rounding alone would tell roll from yaw.
+const POLE: f64 = 1e-14;
 
 /// The matrix of the cross product: `skew(a) b = a × b`.
 pub(super) fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
@@ -28,14 +32,48 @@ impl So3 {
         Self(UnitQuaternion::from_euler_angles(roll, pitch, yaw))
     }
 
-    /// Roll, pitch and yaw, in radians.
+    /// Roll in (-π, π], pitch in [-π/2, π/2] and yaw in (-π, π], in radians: the inverse of
+    /// [`from_roll_pitch_yaw`](Self::from_roll_pitch_yaw).
+    ///
+    /// Accurate to rounding up to the poles. At pitch ±π/2 only the sum or the difference of roll and yaw is defined:
+    /// roll is then zero.
     pub fn roll_pitch_yaw(&self) -> (f64, f64, f64) {
-        self.0.euler_angles()
+        // With half angles a = roll/2, b = pitch/2, c = yaw/2 the quaternion gives
+        //   (w + y, x - z) = (cos b + sin b) (cos(a - c), sin(a - c)),
+        //   (w - y, x + z) = (cos b - sin b) (cos(a + c), sin(a + c)),
+        // so no arc sine is needed, which would lose half of the digits near the poles.
+        let q = self.0.quaternion();
+        let (up, down) = ((q.w + q.j).hypot(q.i - q.k), (q.w - q.j).hypot(q.i + q.k));
+        let pitch = 2.0 * up.atan2(down) - FRAC_PI_2;
+        let (difference, sum) = ((q.i - q.k).atan2(q.w + q.j), (q.i + q.k).atan2(q.w - q.j));
+        if down < POLE {
+            (0.0, pitch, wrap_angle(-2.0 * difference))
+        } else if up < POLE {
+            (0.0, pitch, wrap_angle(2.0 * sum))
+        } else {
+            (wrap_angle(sum + difference), pitch, wrap_angle(sum - difference))
+        }
     }
 
     /// The rotation as a 3x3 matrix.
     pub fn matrix(&self) -> Matrix3<f64> {
         self.0.to_rotation_matrix().into_inner()
+    }
+}
+
+/// A rotation as it is stored: a unit quaternion.
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+#[serde(transparent)]
+struct RawSo3(Quaternion<f64>);
+
+#[cfg(feature = "serde")]
+impl TryFrom<RawSo3> for So3 {
+    type Error = Error;
+
+    fn try_from(RawSo3(quaternion): RawSo3) -> Result<Self, Error> {
+        super::check_unit_norm("rotation", quaternion.norm_squared())?;
+        Ok(Self(UnitQuaternion::new_unchecked(quaternion)))
     }
 }
 
@@ -46,6 +84,8 @@ impl LieGroup for So3 {
     type Tangent = Vector3<f64>;
     type Matrix = Matrix3<f64>;
     type Point = Vector3<f64>;
+    type ActJacobian = Matrix3<f64>;
+    type PointJacobian = Matrix3<f64>;
 
     fn identity() -> Self {
         Self::default()
@@ -87,6 +127,13 @@ impl LieGroup for So3 {
         self.0.transform_vector(point)
     }
 
+    /// Eqs. 150 and 151.
+    #[inline]
+    fn act_jacobians(&self, point: &Self::Point) -> (Self::ActJacobian, Self::PointJacobian) {
+        let rotation = self.matrix();
+        (-rotation * skew(point), rotation)
+    }
+
     /// Eq. 139.
     fn adjoint(&self) -> Self::Matrix {
         self.matrix()
@@ -108,6 +155,15 @@ impl LieGroup for So3 {
     #[inline]
     fn transpose(matrix: &Self::Matrix) -> Self::Matrix {
         matrix.transpose()
+    }
+
+    #[inline]
+    fn outer(a: &Self::Tangent, b: &Self::Tangent) -> Self::Matrix {
+        a * b.transpose()
+    }
+
+    fn check_covariance(name: &'static str, matrix: &Self::Matrix) -> Result<(), Error> {
+        check::covariance(name, matrix)
     }
 
     fn identity_matrix() -> Self::Matrix {
@@ -141,8 +197,10 @@ impl Mul for So3 {
 }
 
 impl From<UnitQuaternion<f64>> for So3 {
+    /// Takes a rotation that may have drifted from unit length a little one step back to it.
     fn from(rotation: UnitQuaternion<f64>) -> Self {
-        Self(rotation)
+        let q = rotation.into_inner();
+        Self(UnitQuaternion::new_unchecked(q * (1.5 - 0.5 * q.norm_squared())))
     }
 }
 

@@ -1,0 +1,10 @@
+//! Frames: where sensors, vehicle, odometry and map lie to each other, over time.
+//!
+//! [`FrameTree`] is to this library what tf2 is to ROS, as a value: no clock, no threads, no messages.
+
+mod history;
+mod lookup;
+mod tree;
+
+pub use history::Insertion;
+pub use tree::{FrameTree, FrameTreeParams};

@@ -1,0 +1,9 @@
+//! Small solvers that several crates share.
+
+mod banded;
+mod levenberg_marquardt;
+
+pub use banded::{BandedCholesky, BandedMatrix};
+pub use levenberg_marquardt::{
+    LeastSquares, LevenbergMarquardt, LevenbergMarquardtParams, Minimum, NormalEquations, Termination,
+};
