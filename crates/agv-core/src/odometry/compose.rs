@@ -7,7 +7,11 @@
 //! exact to first order in the errors, which are right increments (Solà et al., Eq. 54).
 
 use super::OdometryIncrement;
-use crate::{Error, check, geometry::LieGroup};
+use crate::{
+    Error, check,
+    geometry::{LieGroup, Se2},
+};
+use nalgebra::Matrix3;
 
 impl OdometryIncrement {
     /// This motion followed by `next`, with the covariance of both. The time between the two counts as rest.
@@ -59,7 +63,7 @@ impl OdometryAccumulator {
     pub fn push(&mut self, next: &OdometryIncrement) -> Result<(), Error> {
         // A motion of no duration in front validates the first increment like every other.
         let start = OdometryIncrement { end: next.start, ..*next };
-        let first = OdometryIncrement { start_from_end: Default::default(), covariance: Default::default(), ..start };
+        let first = OdometryIncrement { start_from_end: Se2::identity(), covariance: Matrix3::zeros(), ..start };
         self.sum = Some(self.sum.unwrap_or(first).then(next)?);
         Ok(())
     }
@@ -78,8 +82,7 @@ impl OdometryAccumulator {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{geometry::Se2, time::Stamp};
-    use nalgebra::Matrix3;
+    use crate::time::Stamp;
     use proptest::prelude::*;
 
     fn increment(start: f64, pose: Se2, covariance: Matrix3<f64>) -> OdometryIncrement {
