@@ -1,7 +1,30 @@
 //! What sensors report: laser scans and point clouds, each with the pose of the sensor on the vehicle.
+//!
+//! Operations on a [`PointCloud`] live in files of their own and keep all channels together: [`VoxelGrid`]
+//! down-samples, [`PointCloud::crop_box`] and its neighbours filter in place, [`PointCloud::transform`] moves,
+//! [`RangeImage`] views a spinning lidar's cloud as rows and columns, and [`Deskew`] undoes the vehicle's motion during
+//! a sweep, of scans and clouds alike.
 
+mod cloud_filter;
+mod cloud_transform;
+mod deskew;
 mod laser_scan;
+mod motion;
 mod point_cloud;
+mod range_image;
+mod range_reading;
+mod scan_bins;
+mod time_of_flight;
+mod triangulation;
+mod voxel;
 
+pub use deskew::Deskew;
 pub use laser_scan::{Beam, LaserScan, ScanGeometry};
+pub use motion::{BodyMotion, ConstantTwist, PoseTrack};
 pub use point_cloud::{PointCloud, PointSource};
+pub use range_image::{RangeImage, RangeImageParams, RowSource};
+pub use range_reading::RangeReading;
+pub use scan_bins::ScanBins;
+pub use time_of_flight::{PhaseShift, PhaseShiftParams, PulsedTimeOfFlight, PulsedTimeOfFlightParams};
+pub use triangulation::{Triangulation, TriangulationParams};
+pub use voxel::VoxelGrid;

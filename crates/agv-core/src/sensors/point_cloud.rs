@@ -42,14 +42,14 @@ impl PointSource for [Vector3<f32>] {
 #[derive(Debug, Clone, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "RawCloud"))]
 pub struct PointCloud {
-    stamp: Stamp,
-    base_from_sensor: Se3,
-    x: Vec<f32>,
-    y: Vec<f32>,
-    z: Vec<f32>,
-    intensity: Option<Vec<f32>>,
-    ring: Option<Vec<u16>>,
-    time: Option<Vec<f32>>,
+    pub(super) stamp: Stamp,
+    pub(super) base_from_sensor: Se3,
+    pub(super) x: Vec<f32>,
+    pub(super) y: Vec<f32>,
+    pub(super) z: Vec<f32>,
+    pub(super) intensity: Option<Vec<f32>>,
+    pub(super) ring: Option<Vec<u16>>,
+    pub(super) time: Option<Vec<f32>>,
 }
 
 #[cfg(feature = "serde")]

@@ -1,0 +1,320 @@
+//! The turn of the base from a gyroscope, and its union with the wheels.
+//!
+//! The rate between two samples is taken as linear (trapezoid), with the bias subtracted:
+//!
+//! ```text
+//! yaw += ((w0 + w1) / 2 - bias) dt            variance += density² dt            + (bias sigma · time)² in the end
+//! ```
+//!
+//! White noise makes the variance grow with time, an unknown but constant bias makes the *deviation* grow with it
+//! (Woodman 2007, section 3.2). Gyrodometry (Borenstein and Feng 1996) takes the turn from the gyro, which does not
+//! slip, and the distance from the wheels, which do not drift.
+
+use super::OdometryIncrement;
+use crate::{
+    Error, check,
+    geometry::{LieGroup, Se2},
+    time::Stamp,
+};
+use nalgebra::Vector3;
+
+/// The turn between two moments.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct YawIncrement {
+    /// When it began.
+    pub start: Stamp,
+    /// When it ended.
+    pub end: Stamp,
+    /// Turn in radians, not wrapped.
+    pub yaw: f64,
+    /// Variance of the turn, in rad².
+    pub variance: f64,
+}
+
+/// Integrates yaw rates at irregular times.
+///
+/// ```
+/// use agv_core::odometry::YawIntegrator;
+/// use agv_core::time::Stamp;
+///
+/// let mut gyro = YawIntegrator::new(1e-3)?;
+/// gyro.set_bias(0.1, 0.0)?;
+/// for i in 0..=10 {
+///     gyro.push(Stamp::from_seconds(0.1 * f64::from(i)), 0.6)?;
+/// }
+/// let turn = gyro.take_until(Stamp::from_seconds(1.0))?.unwrap();
+/// assert!((turn.yaw - 0.5).abs() < 1e-12);
+/// # Ok::<(), agv_core::Error>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct YawIntegrator {
+    noise_density: f64,
+    bias: f64,
+    bias_sigma: f64,
+    /// Where the turn that is being gathered began.
+    start: Stamp,
+    /// Time and rate of the last sample, bias included.
+    last: Option<(Stamp, f64)>,
+    yaw: f64,
+}
+
+impl YawIntegrator {
+    /// An integrator for a gyro of this white noise, in rad/s per √Hz; a MEMS gyro has 1e-4 to 1e-3.
+    ///
+    /// # Errors
+    /// [`Error::Negative`].
+    pub fn new(noise_density: f64) -> Result<Self, Error> {
+        check::non_negative("noise_density", noise_density)?;
+        Ok(Self { noise_density, bias: 0.0, bias_sigma: 0.0, start: Stamp::default(), last: None, yaw: 0.0 })
+    }
+
+    /// The bias that is subtracted from now on, in radians per second, and its standard deviation.
+    ///
+    /// # Errors
+    /// A bias that is not finite, or a negative deviation; both stay as they were then.
+    pub fn set_bias(&mut self, bias: f64, sigma: f64) -> Result<(), Error> {
+        let (bias, sigma) = (check::finite("bias", bias)?, check::non_negative("bias sigma", sigma)?);
+        (self.bias, self.bias_sigma) = (bias, sigma);
+        Ok(())
+    }
+
+    /// Bias and its standard deviation, in radians per second.
+    pub const fn bias(&self) -> (f64, f64) {
+        (self.bias, self.bias_sigma)
+    }
+
+    /// Adds a sample, in radians per second. A repeated stamp replaces the rate and adds no turn.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`], or [`Error::TimeBackwards`]; the sample is then left out.
+    pub fn push(&mut self, stamp: Stamp, yaw_rate: f64) -> Result<(), Error> {
+        check::finite("yaw_rate", yaw_rate)?;
+        self.advance(stamp, yaw_rate)
+    }
+
+    /// The turn since the last call (or the first sample) up to `end`, with the last rate held after the last sample;
+    /// `None` before the first sample. The next turn begins at `end`.
+    ///
+    /// # Errors
+    /// [`Error::TimeBackwards`] if a sample later than `end` was added; nothing is taken then.
+    pub fn take_until(&mut self, end: Stamp) -> Result<Option<YawIncrement>, Error> {
+        let Some((_, rate)) = self.last else { return Ok(None) };
+        self.advance(end, rate)?;
+        let (start, yaw, span) = (self.start, self.yaw, end - self.start);
+        (self.start, self.yaw) = (end, 0.0);
+        let (white, drift) = (self.noise_density * self.noise_density * span, self.bias_sigma * span);
+        Ok(Some(YawIncrement { start, end, yaw, variance: white + drift * drift }))
+    }
+
+    fn advance(&mut self, stamp: Stamp, rate: f64) -> Result<(), Error> {
+        match self.last {
+            Some((before, _)) if stamp < before => {
+                return Err(Error::TimeBackwards { earlier_ns: before.nanoseconds(), later_ns: stamp.nanoseconds() });
+            }
+            Some((before, last_rate)) => self.yaw += (0.5 * (last_rate + rate) - self.bias) * (stamp - before),
+            None => self.start = stamp,
+        }
+        self.last = Some((stamp, rate));
+        Ok(())
+    }
+}
+
+/// Distance from the wheels, turn from the gyro.
+///
+/// The wheels' motion is read as an arc of its length; the arc is bent to the gyro's turn. Its covariance keeps the
+/// wheels' translation part, with the gyro's variance for the turn.
+///
+/// # Errors
+/// [`Error::NotFinite`] for a motion that is not, and [`Error::OutOfRange`] if the two spans differ by more than 1 ms at
+/// either end ([`YawIntegrator::take_until`] cuts them to measure).
+pub fn gyrodometry(wheels: &OdometryIncrement, gyro: &YawIncrement) -> Result<OdometryIncrement, Error> {
+    let motion = wheels.start_from_end;
+    check::all_finite("odometry motion", &[motion.x(), motion.y(), motion.yaw()])?;
+    check::all_finite("odometry covariance", wheels.covariance.as_slice())?;
+    check::finite("gyro yaw", gyro.yaw)?;
+    check::non_negative("gyro variance", gyro.variance)?;
+    check::in_range("gyro start - wheel start", gyro.start - wheels.start, -1e-3, 1e-3)?;
+    check::in_range("gyro end - wheel end", gyro.end - wheels.end, -1e-3, 1e-3)?;
+    let arc = motion.log();
+    // From the frame of the end to the tangent at the start, where the components are independent, and back.
+    let to_tangent = Se2::right_jacobian_inverse(&arc);
+    let mut spread = to_tangent * wheels.covariance * to_tangent.transpose();
+    for i in 0..2 {
+        (spread[(i, 2)], spread[(2, i)]) = (0.0, 0.0);
+    }
+    spread[(2, 2)] = gyro.variance;
+    let bent = Vector3::new(arc.x, arc.y, gyro.yaw);
+    let jacobian = Se2::right_jacobian(&bent);
+    Ok(OdometryIncrement {
+        start_from_end: Se2::exp(&bent),
+        covariance: jacobian * spread * jacobian.transpose(),
+        ..*wheels
+    })
+}
+
+/// The bias of a gyro, from the samples of a vehicle that stands still.
+///
+/// ```
+/// use agv_core::odometry::GyroBiasEstimator;
+///
+/// let mut still = GyroBiasEstimator::new(0.05, 100)?;
+/// for i in 0..200 {
+///     still.push(0.01 + 0.001 * f64::from(i % 2))?;
+/// }
+/// let (bias, sigma) = still.bias().unwrap();
+/// assert!((bias - 0.0105).abs() < 1e-12 && sigma < 1e-4);
+/// # Ok::<(), agv_core::Error>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct GyroBiasEstimator {
+    max_rate: f64,
+    min_samples: u64,
+    count: u64,
+    mean: f64,
+    /// Sum of squared deviations from the mean (Welford 1962).
+    scatter: f64,
+}
+
+impl GyroBiasEstimator {
+    /// An estimator that takes rates above `max_rate` rad/s as motion, and speaks after `min_samples` samples (at least
+    /// two) without any.
+    ///
+    /// # Errors
+    /// [`Error::NotPositive`].
+    pub fn new(max_rate: f64, min_samples: u64) -> Result<Self, Error> {
+        check::positive("max_rate", max_rate)?;
+        Ok(Self { max_rate, min_samples: min_samples.max(2), count: 0, mean: 0.0, scatter: 0.0 })
+    }
+
+    /// Adds a sample of the standing vehicle, in radians per second; one that is motion starts the estimate afresh and
+    /// gives `false`.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`]; the sample is then left out.
+    pub fn push(&mut self, yaw_rate: f64) -> Result<bool, Error> {
+        check::finite("yaw_rate", yaw_rate)?;
+        if yaw_rate.abs() > self.max_rate {
+            self.reset();
+            return Ok(false);
+        }
+        self.count += 1;
+        let deviation = yaw_rate - self.mean;
+        self.mean += deviation / self.count as f64;
+        self.scatter += deviation * (yaw_rate - self.mean);
+        Ok(true)
+    }
+
+    /// Forgets all samples; call it when the wheels move.
+    pub fn reset(&mut self) {
+        (self.count, self.mean, self.scatter) = (0, 0.0, 0.0);
+    }
+
+    /// Bias and the standard deviation of this estimate, in radians per second; `None` before enough samples.
+    pub fn bias(&self) -> Option<(f64, f64)> {
+        let n = self.count as f64;
+        (self.count >= self.min_samples).then(|| (self.mean, (self.scatter / ((n - 1.0) * n)).sqrt()))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Matrix3;
+    use proptest::prelude::*;
+
+    fn at(seconds: f64) -> Stamp {
+        Stamp::from_seconds(seconds)
+    }
+
+    proptest! {
+        /// The trapezoid is exact for rates that are linear in time, at any irregular sampling and however it is cut.
+        #[test]
+        fn linear_rates_are_integrated_exactly(gaps in prop::collection::vec(1_i64..200_000_000, 2..40), slope in -2.0..2.0_f64) {
+            let mut gyro = YawIntegrator::new(0.0).unwrap();
+            gyro.set_bias(0.3, 0.0).unwrap();
+            let (mut time, mut total) = (0_i64, 0.0);
+            gyro.push(Stamp::default(), 0.3).unwrap();
+            for (i, gap) in gaps.iter().enumerate() {
+                time += gap;
+                let stamp = Stamp::from_nanoseconds(time);
+                gyro.push(stamp, 0.3 + slope * stamp.seconds()).unwrap();
+                if i % 3 == 0 {
+                    total += gyro.take_until(stamp).unwrap().unwrap().yaw;
+                }
+            }
+            let end = Stamp::from_nanoseconds(time);
+            total += gyro.take_until(end).unwrap().unwrap().yaw;
+            prop_assert!((total - 0.5 * slope * end.seconds().powi(2)).abs() < 1e-9);
+        }
+
+        /// Wheels that agree with the gyro are left as they are.
+        #[test]
+        fn agreement_changes_nothing(x in -1.0..1.0_f64, yaw in -1.0..1.0_f64) {
+            let pose = Se2::exp(&Vector3::new(x, 0.0, yaw));
+            let wheels = OdometryIncrement { start: at(0.0), end: at(0.1), start_from_end: pose, covariance: Matrix3::zeros() };
+            let turn = YawIncrement { start: at(0.0), end: at(0.1), yaw, variance: 1e-6 };
+            let joint = gyrodometry(&wheels, &turn).unwrap();
+            prop_assert!(joint.start_from_end.minus(&pose).norm() < 1e-12);
+            prop_assert!((joint.covariance[(2, 2)] - 1e-6).abs() < 1e-15);
+        }
+    }
+
+    /// One wheel slips through a quarter circle: the gyro restores the arc.
+    #[test]
+    fn the_gyro_corrects_a_slipping_wheel() {
+        let truth = Se2::exp(&Vector3::new(1.0, 0.0, 1.5));
+        let slipped = Se2::exp(&Vector3::new(1.0, 0.0, 1.1));
+        let wheels = OdometryIncrement::between(at(0.0), &Se2::default(), at(1.0), &slipped).unwrap();
+        let turn = YawIncrement { start: at(0.0), end: at(1.0), yaw: 1.5, variance: 0.0 };
+        assert!(gyrodometry(&wheels, &turn).unwrap().start_from_end.minus(&truth).norm() < 1e-12);
+    }
+
+    #[test]
+    fn the_variance_knows_white_noise_and_bias() {
+        let mut gyro = YawIntegrator::new(0.01).unwrap();
+        gyro.set_bias(0.0, 0.002).unwrap();
+        gyro.push(at(0.0), 0.0).unwrap();
+        let turn = gyro.take_until(at(4.0)).unwrap().unwrap();
+        assert!((turn.variance - (1e-4 * 4.0 + 0.008 * 0.008)).abs() < 1e-15);
+    }
+
+    #[test]
+    fn bad_samples_are_left_out() {
+        let mut gyro = YawIntegrator::new(1e-3).unwrap();
+        assert_eq!(gyro.take_until(at(1.0)), Ok(None));
+        gyro.push(at(1.0), 0.5).unwrap();
+        let before = gyro;
+        assert!(gyro.push(at(1.1), f64::NAN).is_err());
+        assert!(matches!(gyro.push(at(0.9), 0.5), Err(Error::TimeBackwards { .. })));
+        assert!(gyro.take_until(at(0.9)).is_err());
+        assert!(gyro.set_bias(f64::NAN, 0.0).is_err() && gyro.set_bias(0.0, -1.0).is_err());
+        assert_eq!(gyro, before);
+        assert!(YawIntegrator::new(-1.0).is_err() && YawIntegrator::new(f64::NAN).is_err());
+    }
+
+    #[test]
+    fn motion_restarts_the_bias() {
+        let mut still = GyroBiasEstimator::new(0.05, 3).unwrap();
+        for rate in [0.01, 0.02, 0.5, 0.01] {
+            still.push(rate).unwrap();
+        }
+        assert_eq!(still.bias(), None);
+        assert!(still.push(f64::INFINITY).is_err());
+        assert!(GyroBiasEstimator::new(0.0, 3).is_err() && GyroBiasEstimator::new(f64::NAN, 3).is_err());
+    }
+
+    #[test]
+    fn spans_that_do_not_match_are_refused() {
+        let wheels = OdometryIncrement::between(at(0.0), &Se2::default(), at(1.0), &Se2::default()).unwrap();
+        let turn = YawIncrement { start: at(0.0), end: at(1.0), yaw: 0.0, variance: 0.0 };
+        assert!(gyrodometry(&wheels, &YawIncrement { end: at(1.1), ..turn }).is_err());
+        assert!(gyrodometry(&wheels, &YawIncrement { start: at(-0.1), ..turn }).is_err());
+        assert!(gyrodometry(&wheels, &YawIncrement { yaw: f64::NAN, ..turn }).is_err());
+        assert!(gyrodometry(&wheels, &YawIncrement { variance: -1.0, ..turn }).is_err());
+        let bad = OdometryIncrement { covariance: Matrix3::repeat(f64::NAN), ..wheels };
+        assert!(gyrodometry(&bad, &turn).is_err());
+    }
+}
