@@ -3,7 +3,9 @@
 mod cells;
 mod costmap;
 mod layout;
+mod traversal;
 
 pub use cells::{CellState, Grid};
 pub use costmap::{Costmap, cost};
 pub use layout::{Cell, GridLayout};
+pub use traversal::Traversal;
