@@ -21,9 +21,11 @@ use super::traversal::{Axis, LATTICE, LATTICE_BITS, Traversal};
 const LONGEST: i64 = 1 << 30;
 
 /// Size of a row-by-row block of cells.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(crate) struct Block {
+    /// Cells along x.
     pub(crate) width: i64,
+    /// Cells along y.
     pub(crate) height: i64,
 }
 
@@ -75,8 +77,8 @@ pub(crate) fn update_before_end<T: Copy + Default>(
     let (high, rest) = (numerator / denominator, numerator % denominator);
     let slope = (high << 32) + (rest << 32).div_ceil(denominator);
     let to_line = (LATTICE - major.offset) as u128;
-    let first = ((minor.offset as u128) << (64 - LATTICE_BITS))
-        + (to_line * u128::from(slope)).div_ceil(LATTICE as u128);
+    let first =
+        ((minor.offset as u128) << (64 - LATTICE_BITS)) + (to_line * u128::from(slope)).div_ceil(LATTICE as u128);
     let corner = major.lines as u64 + 3;
     let crossing = slope.saturating_sub(corner);
 
