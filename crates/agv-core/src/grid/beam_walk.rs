@@ -9,11 +9,14 @@
 //! Y_k = Y_1 + (k - 1) |d_minor| / |d_major|
 //! ```
 //!
-//! in fixed point with 64 fractional bits, so that the carry of an addition is the crossing. Rounding it does not: the
-//! slope and `Y_1` are rounded up, hence the error stays in `[0, columns + 2)` units of 2⁻⁶⁴. `Y_k` is a multiple of
-//! `1 / (2¹⁶ |d_major|)`, which is more than that for beams below 2¹⁴ cells; so a fraction in `[0, columns + 2)`
-//! says that `Y_k` is an integer (the beam meets a corner), and any other that the floor is right. What is longer, or
-//! exactly diagonal, or leaves the grid goes to [`Traversal`].
+//! in fixed point with 64 fractional bits, so that the carry of an addition is the crossing. It is exact all the same:
+//! slope and `Y_1` are rounded up, hence the error stays in `[0, columns + 2)` units of 2⁻⁶⁴, while `Y_k` is a multiple
+//! of `1 / (2¹⁶ |d_major|)`, which is at least 2¹⁸ units for beams below 2¹⁴ cells. So the floor is always right, and
+//! `Y_k` is an integer (the beam meets a corner) if and only if the fraction is below `columns + 2`.
+//!
+//! Most beams meet no corner, and need not look for one: with the start `o` within its cell a corner `(k, j)` on the
+//! line means `2¹⁶ (k d_minor - j d_major) = o_major d_minor - o_minor d_major`, which 65535 of 65536 beams refute by
+//! the low bits of the right side. Beams that are longer, exactly diagonal, or leave the grid go to [`Traversal`].
 
 use super::traversal::{Axis, LATTICE, LATTICE_BITS, Traversal};
 
@@ -37,37 +40,53 @@ impl Block {
     }
 }
 
+/// A weight that can be switched off without a branch.
+pub(crate) trait Weight: Copy {
+    /// The weight itself, or zero.
+    fn or_zero(self, keep: bool) -> Self;
+}
+
+impl Weight for i32 {
+    #[inline]
+    fn or_zero(self, keep: bool) -> Self {
+        self & Self::from(keep).wrapping_neg()
+    }
+}
+
+impl Weight for i16 {
+    #[inline]
+    fn or_zero(self, keep: bool) -> Self {
+        self & Self::from(keep).wrapping_neg()
+    }
+}
+
 /// Applies `update(value, weight)` to every cell of the block that the segment visits, except the cell of its end,
 /// and returns how many there were. `from` and `to` are lattice points relative to the block's corner.
 ///
 /// `update` may also be called with a zero weight, which must not change the value.
 #[inline]
-pub(crate) fn update_before_end<T: Copy + Default>(
+pub(crate) fn update_before_end<T: Weight>(
     values: &mut [T],
     block: Block,
     from: (i64, i64),
     to: (i64, i64),
     weight: T,
-    update: impl Fn(T, T) -> T,
+    update: impl Fn(T, T) -> T + Copy,
 ) -> u64 {
     let (x, y) = (Axis::new(from.0, to.0), Axis::new(from.1, to.1));
-    let (major, minor) = if x.length >= y.length { (&x, &y) } else { (&y, &x) };
-    let inside = block.contains(x.cell, y.cell) && block.contains(to.0 >> LATTICE_BITS, to.1 >> LATTICE_BITS);
+    let steep = x.length < y.length;
+    let (major, minor) = if steep { (&y, &x) } else { (&x, &y) };
+    let end = (to.0 >> LATTICE_BITS, to.1 >> LATTICE_BITS);
+    let inside = block.contains(x.cell, y.cell) && block.contains(end.0, end.1);
     if !inside || major.length >= LONGEST || major.length == minor.length {
-        return update_exactly(values, block, &x, &y, (to.0 >> LATTICE_BITS, to.1 >> LATTICE_BITS), weight, update);
+        return update_exactly(values, block, &x, &y, end, weight, update);
     }
-    let (x_stride, y_stride) = (x.step, y.step * block.width);
-    let (along, across) = if x.length >= y.length { (x_stride, y_stride) } else { (y_stride, x_stride) };
+    let (x_stride, y_stride) = (x.step as isize, (y.step * block.width) as isize);
+    let (along, across) = if steep { (y_stride, x_stride) } else { (x_stride, y_stride) };
     let mut index = (y.cell * block.width + x.cell) as usize;
-    let mut visit = |index: usize, weight: T| {
-        // Both ends lie in the block, which is convex: the check never fails.
-        if let Some(value) = values.get_mut(index) {
-            *value = update(*value, weight);
-        }
-    };
     if major.lines == 0 {
         if minor.lines > 0 {
-            visit(index, weight);
+            visit(values, index, weight, update);
         }
         return minor.lines as u64;
     }
@@ -80,39 +99,99 @@ pub(crate) fn update_before_end<T: Copy + Default>(
     let first =
         ((minor.offset as u128) << (64 - LATTICE_BITS)) + (to_line * u128::from(slope)).div_ceil(LATTICE as u128);
     let corner = major.lines as u64 + 3;
-    let crossing = slope.saturating_sub(corner);
 
     // Column of the start.
-    visit(index, weight);
-    let (crossed, mut fraction) = ((first >> 64) as u64, first as u64);
-    let mut count = 1;
-    if crossed > u64::from(fraction < corner) {
-        visit(index.wrapping_add_signed(across as isize), weight);
+    visit(values, index, weight, update);
+    let (crossed, fraction) = ((first >> 64) as isize, first as u64);
+    let mut count = major.lines as u64;
+    if crossed > isize::from(fraction < corner) {
+        visit(values, index.wrapping_add_signed(across), weight, update);
         count += 1;
     }
-    index = index.wrapping_add_signed((along + across * crossed as i64) as isize);
+    index = index.wrapping_add_signed(along + across * crossed);
 
-    let mut seconds = 0_u64;
-    for _ in 1..major.lines {
-        visit(index, weight);
-        fraction = fraction.wrapping_add(slope);
-        // A crossing inside the column leaves a fraction in [corner, slope), one at a corner a fraction in [0, corner).
-        let second = fraction.wrapping_sub(corner) < crossing;
-        let carry = fraction < slope;
-        let exit = index.wrapping_add_signed(if second { across as isize } else { 0 });
-        visit(exit, if second { weight } else { T::default() });
-        seconds += u64::from(second);
-        index = index.wrapping_add_signed(if carry { (along + across) as isize } else { along as isize });
+    let columns = major.lines as u64 - 1;
+    let line = Line { index, fraction, slope, along, across };
+    let meets_corners = (major.offset * minor.length - minor.offset * major.length) & (LATTICE - 1) == 0;
+    if meets_corners {
+        count += update_columns_with_corners(values, line, columns, corner, weight, update);
+    } else {
+        update_columns(values, line, columns, weight, update);
     }
 
     // Column of the end, whose lines are counted without rounding.
-    let last = (first + (major.lines - 1) as u128 * u128::from(slope)) >> 64;
-    count += major.lines as u64 - 1 + seconds;
-    if (last as i64) < minor.lines {
-        visit(index, weight);
+    let last = first + u128::from(columns) * u128::from(slope);
+    let crossed_in_loop = (last >> 64) as i64 - crossed as i64;
+    if !meets_corners {
+        count += crossed_in_loop as u64;
+    }
+    if (last >> 64) as i64 <= minor.lines - 1 {
+        let last_index = index.wrapping_add_signed(along * columns as isize + across * crossed_in_loop as isize);
+        visit(values, last_index, weight, update);
         count += 1;
     }
     count
+}
+
+/// A beam where it enters a column.
+#[derive(Debug, Clone, Copy)]
+struct Line {
+    index: usize,
+    /// Position within the cell along the minor axis, and its gain per column, in 2⁻⁶⁴.
+    fraction: u64,
+    slope: u64,
+    /// Storage distance of the next cell along the major and across it.
+    along: isize,
+    across: isize,
+}
+
+#[inline]
+fn visit<T: Copy>(values: &mut [T], index: usize, weight: T, update: impl Fn(T, T) -> T) {
+    // Both ends of the beam lie in the block, which is convex: the index always exists.
+    if let Some(value) = values.get_mut(index) {
+        *value = update(*value, weight);
+    }
+}
+
+/// Whole columns of a beam that meets no corner.
+#[inline(never)]
+fn update_columns<T: Weight>(values: &mut [T], line: Line, columns: u64, weight: T, update: impl Fn(T, T) -> T + Copy) {
+    let Line { mut index, mut fraction, slope, along, across } = line;
+    for _ in 0..columns {
+        visit(values, index, weight, update);
+        let (sum, crosses) = fraction.overflowing_add(slope);
+        fraction = sum;
+        let aside = across & isize::from(crosses).wrapping_neg();
+        let exit = index.wrapping_add_signed(aside);
+        visit(values, exit, weight.or_zero(crosses), update);
+        index = exit.wrapping_add_signed(along);
+    }
+}
+
+/// Whole columns of a beam that may meet corners; returns how many cells of exit there were.
+#[inline(never)]
+fn update_columns_with_corners<T: Weight>(
+    values: &mut [T],
+    line: Line,
+    columns: u64,
+    corner: u64,
+    weight: T,
+    update: impl Fn(T, T) -> T + Copy,
+) -> u64 {
+    let Line { mut index, mut fraction, slope, along, across } = line;
+    let mut exits = 0;
+    for _ in 0..columns {
+        visit(values, index, weight, update);
+        let (sum, crosses) = fraction.overflowing_add(slope);
+        fraction = sum;
+        let inside = crosses && fraction >= corner;
+        if inside {
+            visit(values, index.wrapping_add_signed(across), weight, update);
+            exits += 1;
+        }
+        index = index.wrapping_add_signed(along + if crosses { across } else { 0 });
+    }
+    exits
 }
 
 /// The same by [`Traversal`], for beams that the fast loop does not take.

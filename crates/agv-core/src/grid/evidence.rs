@@ -131,7 +131,12 @@ impl CellUpdate for Add {
     type Value = i32;
 
     #[inline]
-    fn update(self, value: i32, by: i32) -> i32 {
+    fn free(self, value: i32, by: i32) -> i32 {
+        value.wrapping_add(by)
+    }
+
+    #[inline]
+    fn hit(self, value: i32, by: i32) -> i32 {
         value.wrapping_add(by)
     }
 }

@@ -120,8 +120,13 @@ impl CellUpdate for Clamp {
     type Value = i16;
 
     #[inline]
-    fn update(self, value: i16, by: i16) -> i16 {
-        value.wrapping_add(by).max(self.min).min(self.max)
+    fn free(self, value: i16, by: i16) -> i16 {
+        value.wrapping_add(by).max(self.min)
+    }
+
+    #[inline]
+    fn hit(self, value: i16, by: i16) -> i16 {
+        value.wrapping_add(by).min(self.max)
     }
 }
 

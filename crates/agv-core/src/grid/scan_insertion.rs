@@ -6,7 +6,7 @@
 
 use super::{
     InverseModel, Traversal,
-    beam_walk::{Block, update_before_end},
+    beam_walk::{Block, Weight, update_before_end},
     traversal::{LATTICE, LATTICE_BITS, to_lattice},
 };
 use crate::{
@@ -134,9 +134,11 @@ impl ProjectedScan {
 /// How evidence enters a cell.
 pub(crate) trait CellUpdate: Copy {
     /// What a cell stores.
-    type Value: Copy + Default + From<i16>;
-    /// The value after evidence `by`; a `by` of zero must change nothing.
-    fn update(self, value: Self::Value, by: Self::Value) -> Self::Value;
+    type Value: Weight + From<i16>;
+    /// The value after evidence `by <= 0`; zero changes nothing.
+    fn free(self, value: Self::Value, by: Self::Value) -> Self::Value;
+    /// The value after evidence `by > 0`.
+    fn hit(self, value: Self::Value, by: Self::Value) -> Self::Value;
 }
 
 /// Inserts the projected scan into the block of cells whose lower-left is the lattice cell `corner`; what lies outside
@@ -167,7 +169,7 @@ pub(crate) fn insert<U: CellUpdate>(
     let free = U::Value::from(model.free() as i16);
     for end in &scan.ends {
         let to = (end.x - shift.0, end.y - shift.1);
-        done.free_updates += update_before_end(values, block, from, to, free, |value, by| rule.update(value, by));
+        done.free_updates += update_before_end(values, block, from, to, free, |value, by| rule.free(value, by));
     }
     for &(index, value) in kept.iter() {
         if let Some(slot) = values.get_mut(index) {
@@ -176,7 +178,7 @@ pub(crate) fn insert<U: CellUpdate>(
     }
     for end in &scan.ends {
         if let Some(slot) = hit_cell(end).and_then(|index| values.get_mut(index)) {
-            *slot = rule.update(*slot, U::Value::from(end.hit as i16));
+            *slot = rule.hit(*slot, U::Value::from(end.hit as i16));
             done.hit_updates += 1;
         }
     }
