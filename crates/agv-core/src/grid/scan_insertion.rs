@@ -6,7 +6,7 @@
 
 use super::{
     InverseModel, Traversal,
-    beam_walk::{Block, Weight, update_before_end},
+    beam_walk::{Block, update_before_end},
     traversal::{LATTICE, LATTICE_BITS, to_lattice},
 };
 use crate::{
@@ -134,8 +134,8 @@ impl ProjectedScan {
 /// How evidence enters a cell.
 pub(crate) trait CellUpdate: Copy {
     /// What a cell stores.
-    type Value: Weight + From<i16>;
-    /// The value after evidence `by <= 0`; zero changes nothing.
+    type Value: Copy + From<i16>;
+    /// The value after evidence `by < 0`.
     fn free(self, value: Self::Value, by: Self::Value) -> Self::Value;
     /// The value after evidence `by > 0`.
     fn hit(self, value: Self::Value, by: Self::Value) -> Self::Value;
@@ -169,7 +169,7 @@ pub(crate) fn insert<U: CellUpdate>(
     let free = U::Value::from(model.free() as i16);
     for end in &scan.ends {
         let to = (end.x - shift.0, end.y - shift.1);
-        done.free_updates += update_before_end(values, block, from, to, free, |value, by| rule.free(value, by));
+        done.free_updates += update_before_end(values, block, from, to, |value| rule.free(value, free));
     }
     for &(index, value) in kept.iter() {
         if let Some(slot) = values.get_mut(index) {
