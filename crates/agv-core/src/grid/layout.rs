@@ -90,6 +90,11 @@ impl GridLayout {
         Ok(Self { width, height, resolution, map_from_grid })
     }
 
+    /// As [`new`](Self::new), for values that are known to be in order.
+    pub(crate) const fn new_unchecked(width: usize, height: usize, resolution: f64, map_from_grid: Se2) -> Self {
+        Self { width, height, resolution, map_from_grid }
+    }
+
     /// Cells along x.
     pub const fn width(&self) -> usize {
         self.width
