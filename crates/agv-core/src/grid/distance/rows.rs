@@ -11,7 +11,7 @@ use crate::compute::Split;
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Site {
     column: i32,
-    height: i64,
+    height: i32,
 }
 
 /// Rows of the result with a row of scratch per band, cut between bands.
@@ -64,48 +64,63 @@ impl<T: Copy> Bands<'_, T> {
 /// Lower convex hull of `(i, g²(i) + i²)` over the columns with `g(i) <= reach`; returns its number of corners.
 fn hull(column_distances: &[i32], reach: i16, sites: &mut [Site]) -> usize {
     let mut len = 0;
+    // The two last corners, `a` before `b`, are kept at hand. Sites below `len` hold the corners up to `a`.
+    let (mut a, mut b) = (Site::default(), Site::default());
     for (i, &g) in column_distances.iter().enumerate() {
         if g > i32::from(reach) {
             continue;
         }
-        let (c, i) = (i as i32, i as i64);
-        let height = i64::from(g) * i64::from(g) + i * i;
-        // The last corner stays while the chain turns left in it. Differences are below 2^32 and 2^15.
-        while len >= 2 {
-            let (a, b) = (sites[len - 2], sites[len - 1]);
-            let left = (b.height - a.height) * i64::from(c - b.column);
-            let right = (height - b.height) * i64::from(b.column - a.column);
-            if left < right {
-                break;
-            }
+        let column = i as i32;
+        let c = Site { column, height: g * g + column * column };
+        // `b` stays while the chain turns left in it.
+        while len >= 2 && !turns_left(a, b, c) {
             len -= 1;
+            b = a;
+            a = if len >= 2 { sites[len - 2] } else { a };
         }
-        sites[len] = Site { column: c, height };
+        if let Some(slot) = sites.get_mut(len) {
+            *slot = c;
+        }
         len += 1;
+        (a, b) = (b, c);
     }
     len
 }
 
+/// Differences of heights are below 2^31 and of columns below 2^15, so their products fit.
+#[inline]
+fn turns_left(a: Site, b: Site, c: Site) -> bool {
+    i64::from(b.height - a.height) * i64::from(c.column - b.column)
+        < i64::from(c.height - b.height) * i64::from(b.column - a.column)
+}
+
 /// Evaluates the envelope in every column.
 fn fill(sites: &[Site], squared: &mut [i32]) {
-    let end = squared.len();
+    let Some(&(mut site)) = sites.first() else {
+        return squared.fill(DistanceTransform::NO_OBSTACLE);
+    };
+    let end = squared.len() as i32;
     let mut start = 0;
-    for (k, site) in sites.iter().enumerate() {
+    for &next in sites.iter().skip(1) {
         // The next corner is the nearer one beyond the crossing of the two lines; at the crossing both are equal. The
-        // quotient of two such integers is never rounded across an integer in f64.
-        let stop = sites.get(k + 1).map_or(end, |next| {
-            let crossing = (next.height - site.height) as f64 / f64::from(2 * (next.column - site.column));
-            if crossing < 0.0 { 0 } else { (crossing as usize + 1).min(end) }
-        });
-        let column = site.column;
-        let base = (site.height - i64::from(column) * i64::from(column)) as i32;
-        for x in start..stop {
-            let dx = x as i32 - column;
-            squared[x] = dx * dx + base;
-        }
-        start = start.max(stop);
+        // quotient of two such integers is never rounded across an integer in f64, and a negative one cuts to 0.
+        let crossing = f64::from(next.height - site.height) / f64::from(2 * (next.column - site.column));
+        let stop = ((crossing + 1.0) as i32).min(end);
+        site.fill(start, stop, squared);
+        (start, site) = (start.max(stop), next);
     }
-    if sites.is_empty() {
-        squared.fill(DistanceTransform::NO_OBSTACLE);
+    site.fill(start, end, squared);
+}
+
+impl Site {
+    /// Squared distances to this site for the columns from `start` to before `stop`.
+    #[inline]
+    fn fill(self, start: i32, stop: i32, squared: &mut [i32]) {
+        let base = self.height - self.column * self.column;
+        if start < stop {
+            for (dx, squared) in (start - self.column..).zip(&mut squared[start as usize..stop as usize]) {
+                *squared = dx * dx + base;
+            }
+        }
     }
 }
