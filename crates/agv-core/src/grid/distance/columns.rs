@@ -43,14 +43,14 @@ impl Split for Rows<'_> {
 }
 
 impl Columns {
-    pub(super) fn scan(&mut self, map: &Grid<CellState>, par: Par, is_obstacle: impl Fn(CellState) -> bool + Sync) {
+    pub(super) fn scan(&mut self, map: &Grid<CellState>, par: Par, least_obstacle: CellState) {
         (self.width, self.height) = (map.layout().width(), map.layout().height());
         let bands = self.height.div_ceil(BAND);
         self.within.resize(self.width * self.height, 0);
         self.before.resize(bands * self.width, NONE);
         self.after.resize(bands * self.width, NONE);
         let rows = Rows { width: self.width, states: map.values(), distances: &mut self.within };
-        par.for_each_chunk(rows, BAND, |_, rows| scan_band(rows, &is_obstacle));
+        par.for_each_chunk(rows, BAND, |_, rows| scan_band(rows, least_obstacle as u8));
         self.carry();
     }
 
@@ -91,23 +91,27 @@ impl Columns {
     }
 }
 
-fn scan_band(rows: Rows<'_>, is_obstacle: &impl Fn(CellState) -> bool) {
+/// States from `least_obstacle` upwards are obstacles.
+fn scan_band(rows: Rows<'_>, least_obstacle: u8) {
     let Rows { width, states, distances } = rows;
-    for (d, &state) in distances.iter_mut().zip(&states[..width]) {
-        *d = if is_obstacle(state) { 0 } else { NONE };
+    for (d, &state) in distances.iter_mut().zip(states) {
+        *d = if state as u8 >= least_obstacle { 0 } else { NONE };
     }
-    let count = states.len() / width;
+    let count = distances.len() / width;
     for y in 1..count {
         let (below, row) = distances.split_at_mut(y * width);
-        let below = &below[(y - 1) * width..];
-        for ((d, &state), &below) in row.iter_mut().zip(&states[y * width..][..width]).zip(below) {
-            *d = if is_obstacle(state) { 0 } else { below.saturating_add(1) };
-        }
+        approach(&mut row[..width], &below[(y - 1) * width..]);
     }
-    for y in (0..count - 1).rev() {
-        let (row, above) = distances.split_at_mut((y + 1) * width);
-        for (d, &above) in row[y * width..].iter_mut().zip(&above[..width]) {
-            *d = (*d).min(above.saturating_add(1));
-        }
+    for y in (1..count).rev() {
+        let (row, above) = distances.split_at_mut(y * width);
+        approach(&mut row[(y - 1) * width..], &above[..width]);
+    }
+}
+
+/// No cell is farther from an obstacle than its neighbour is, and one.
+#[inline]
+fn approach(row: &mut [i16], neighbour: &[i16]) {
+    for (d, &next) in row.iter_mut().zip(neighbour) {
+        *d = (*d).min(next.saturating_add(1));
     }
 }

@@ -36,8 +36,9 @@ pub struct DistanceParams {
 }
 
 impl DistanceParams {
-    pub(super) fn is_obstacle(self, state: CellState) -> bool {
-        state == CellState::Occupied || (self.unknown_is_obstacle && state == CellState::Unknown)
+    /// States in order of [`CellState`] from this one on are obstacles.
+    const fn least_obstacle(self) -> CellState {
+        if self.unknown_is_obstacle { CellState::Unknown } else { CellState::Occupied }
     }
 }
 
@@ -112,12 +113,7 @@ impl DistanceTransform {
     pub fn compute_into(&mut self, map: &Grid<CellState>, field: &mut Grid<f32>) -> Result<(), Error> {
         let resolution = map.layout().resolution() as f32;
         let max = self.params.max_distance.map_or(f32::INFINITY, |d| d as f32);
-        // The sentinel means "nothing within the limit"; any true square is less, and any float of it finite.
-        let metres = move |squared: i32| {
-            let distance = (squared as f32).sqrt() * resolution;
-            if squared == Self::NO_OBSTACLE || distance > max { max } else { distance }
-        };
-        self.transform(map, field, 0.0, metres)
+        self.transform(map, field, max, move |squared| ((squared as f32).sqrt() * resolution).min(max))
     }
 
     /// Squared distances in cells, exactly; [`NO_OBSTACLE`](Self::NO_OBSTACLE) where none lies within `max_distance`,
@@ -129,7 +125,7 @@ impl DistanceTransform {
         let reach = i32::from(self.reach(map.layout()));
         let limit = if self.params.max_distance.is_some() { reach * reach } else { i32::MAX };
         let cut = move |squared: i32| if squared > limit { Self::NO_OBSTACLE } else { squared };
-        self.transform(map, field, 0, cut)
+        self.transform(map, field, Self::NO_OBSTACLE, cut)
     }
 
     /// `max_distance` in cells, rounded up.
@@ -138,11 +134,11 @@ impl DistanceTransform {
         cells.min(f64::from(NONE - 1)) as i16
     }
 
-    fn transform<T: Copy + Send>(
+    fn transform<T: Copy + Send + Sync>(
         &mut self,
         map: &Grid<CellState>,
         field: &mut Grid<T>,
-        fill: T,
+        nothing: T,
         finish: impl Fn(i32) -> T + Sync,
     ) -> Result<(), Error> {
         let layout = *map.layout();
@@ -152,16 +148,15 @@ impl DistanceTransform {
                 return Err(Error::TooMany { name, len: side, max: Self::MAX_SIDE });
             }
         }
-        field.reshape(layout, fill);
-        let params = self.params;
-        self.columns.scan(map, self.par, |state| params.is_obstacle(state));
+        field.reshape(layout, nothing);
+        self.columns.scan(map, self.par, self.params.least_obstacle());
         let scratch = height.div_ceil(BAND) * width;
         self.sites.resize(scratch, Site::default());
         self.squared.resize(scratch, 0);
         let reach = self.reach(&layout);
         let bands = Bands::new(width, field.values_mut(), &mut self.sites, &mut self.squared);
         let columns = &self.columns;
-        self.par.for_each_chunk(bands, BAND, |band, part| part.run(band, columns, reach, &finish));
+        self.par.for_each_chunk(bands, BAND, |band, part| part.run(band, columns, reach, nothing, &finish));
         Ok(())
     }
 }
@@ -189,8 +184,10 @@ mod tests {
 
     fn brute_force(map: &Grid<CellState>, params: DistanceParams) -> Vec<i32> {
         let layout = map.layout();
-        let obstacles: Vec<Cell> =
-            (0..layout.len()).filter(|&i| params.is_obstacle(map.values()[i])).map(|i| layout.cell(i)).collect();
+        let obstacles: Vec<Cell> = (0..layout.len())
+            .filter(|&i| map.values()[i] as u8 >= params.least_obstacle() as u8)
+            .map(|i| layout.cell(i))
+            .collect();
         let nearest = |c: Cell| obstacles.iter().map(|o| (o.x - c.x).pow(2) + (o.y - c.y).pow(2)).min();
         (0..layout.len()).map(|i| nearest(layout.cell(i)).unwrap_or(i32::MAX)).collect()
     }

@@ -1,17 +1,19 @@
 //! The row part of the distance transform: the lower envelope of one parabola per column.
 //!
-//! With `F(i) = g²(i) + i²` the value at `x` is `x² + min_i (F(i) - 2 i x)`: a minimum over lines, so the parabolas that
-//! matter are the corners of the lower convex hull of the points `(i, F(i))`. A monotone chain finds them with integer
-//! products alone; one division per corner says where it hands over to the next.
+//! With `F(i) = g²(i) + i²` the value at `x` is `x² + min_i (F(i) - 2 i x)`. Parabolas are taken from left to right and
+//! kept on a stack with the column where each begins to be least; as in Meijster, Roerdink and Hesselink, *A general
+//! algorithm for computing distance transforms in linear time* (2000), only columns count, not points between them, so
+//! that integers do: one product says whether the last parabola is beaten, one division where the new one begins.
 
-use super::{BAND, DistanceTransform, columns::Columns};
+use super::{BAND, columns::Columns};
 use crate::compute::Split;
 
-/// A corner of the hull: column `i`, and `F(i)`.
+/// A parabola of the envelope: column `i`, `F(i)`, and the first column where it is least.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct Site {
     column: i32,
     height: i32,
+    start: i32,
 }
 
 /// Rows of the result with a row of scratch per band, cut between bands.
@@ -47,80 +49,78 @@ impl<T: Send> Split for Bands<'_, T> {
 }
 
 impl<T: Copy> Bands<'_, T> {
-    /// Computes the rows of band `band`; parabolas farther than `reach` cells are left out.
-    pub(super) fn run(self, band: usize, columns: &Columns, reach: i16, finish: &impl Fn(i32) -> T) {
+    /// Computes the rows of band `band`; parabolas farther than `reach` cells are left out, and `nothing` is the value
+    /// of a row that has none.
+    pub(super) fn run(self, band: usize, columns: &Columns, reach: i16, nothing: T, finish: &impl Fn(i32) -> T) {
+        let (sites, squared) = (&mut self.sites[..self.width], &mut self.squared[..self.width]);
         for (row, out) in self.out.chunks_exact_mut(self.width).enumerate() {
-            let squared = &mut self.squared[..self.width];
             columns.row_into(band, row, squared);
-            let corners = hull(squared, reach, &mut self.sites[..self.width]);
-            fill(&self.sites[..corners], squared);
-            for (value, &squared) in out.iter_mut().zip(squared.iter()) {
-                *value = finish(squared);
+            let len = envelope(squared, reach, sites);
+            if len == 0 {
+                out.fill(nothing);
+            } else {
+                evaluate(&sites[..len], squared);
+                convert(squared, out, finish);
             }
         }
     }
 }
 
-/// Lower convex hull of `(i, g²(i) + i²)` over the columns with `g(i) <= reach`; returns its number of corners.
-fn hull(column_distances: &[i32], reach: i16, sites: &mut [Site]) -> usize {
+/// A function of its own, so that the compiler knows the slices apart and vectorises.
+#[inline]
+fn convert<T: Copy>(squared: &[i32], out: &mut [T], finish: &impl Fn(i32) -> T) {
+    for (value, &squared) in out.iter_mut().zip(squared) {
+        *value = finish(squared);
+    }
+}
+
+/// The parabolas that are least somewhere, among those with `g(i) <= reach`; returns their number.
+fn envelope(column_distances: &[i32], reach: i16, sites: &mut [Site]) -> usize {
+    let end = column_distances.len() as i32;
     let mut len = 0;
-    // The two last corners, `a` before `b`, are kept at hand. Sites below `len` hold the corners up to `a`.
-    let (mut a, mut b) = (Site::default(), Site::default());
-    for (i, &g) in column_distances.iter().enumerate() {
+    let mut last = Site::default();
+    for (column, &g) in (0_i32..).zip(column_distances) {
         if g > i32::from(reach) {
             continue;
         }
-        let column = i as i32;
-        let c = Site { column, height: g * g + column * column };
-        // `b` stays while the chain turns left in it.
-        while len >= 2 && !turns_left(a, b, c) {
+        let height = g * g + column * column;
+        // The last parabola goes if the new one is not greater where the last one's part begins. With sides below 2^15
+        // all numbers are below 2^31.
+        while len > 0 && height - last.height <= 2 * last.start * (column - last.column) {
             len -= 1;
-            b = a;
-            a = if len >= 2 { sites[len - 2] } else { a };
+            if len > 0 {
+                last = sites[len - 1];
+            }
         }
-        if let Some(slot) = sites.get_mut(len) {
-            *slot = c;
+        let start = if len == 0 { 0 } else { last.crossing(column, height) };
+        if start < end {
+            last = Site { column, height, start };
+            sites[len] = last;
+            len += 1;
         }
-        len += 1;
-        (a, b) = (b, c);
     }
     len
 }
 
-/// Differences of heights are below 2^31 and of columns below 2^15, so their products fit.
-#[inline]
-fn turns_left(a: Site, b: Site, c: Site) -> bool {
-    i64::from(b.height - a.height) * i64::from(c.column - b.column)
-        < i64::from(c.height - b.height) * i64::from(b.column - a.column)
-}
-
-/// Evaluates the envelope in every column.
-fn fill(sites: &[Site], squared: &mut [i32]) {
-    let Some(&(mut site)) = sites.first() else {
-        return squared.fill(DistanceTransform::NO_OBSTACLE);
-    };
-    let end = squared.len() as i32;
-    let mut start = 0;
-    for &next in sites.iter().skip(1) {
-        // The next corner is the nearer one beyond the crossing of the two lines; at the crossing both are equal. The
-        // quotient of two such integers is never rounded across an integer in f64, and a negative one cuts to 0.
-        let crossing = f64::from(next.height - site.height) / f64::from(2 * (next.column - site.column));
-        let stop = ((crossing + 1.0) as i32).min(end);
-        site.fill(start, stop, squared);
-        (start, site) = (start.max(stop), next);
+/// Writes the envelope's value in every column.
+fn evaluate(sites: &[Site], squared: &mut [i32]) {
+    let mut stop = squared.len();
+    for site in sites.iter().rev() {
+        let start = site.start as usize;
+        let base = site.height - site.column * site.column;
+        for (dx, squared) in (site.start - site.column..).zip(&mut squared[start..stop]) {
+            *squared = dx * dx + base;
+        }
+        stop = start;
     }
-    site.fill(start, end, squared);
 }
 
 impl Site {
-    /// Squared distances to this site for the columns from `start` to before `stop`.
+    /// First column beyond the crossing with the parabola of a later `column`; at the crossing both are equal.
+    ///
+    /// The quotient of integers below 2^31 and 2^16 is never rounded across an integer in f64.
     #[inline]
-    fn fill(self, start: i32, stop: i32, squared: &mut [i32]) {
-        let base = self.height - self.column * self.column;
-        if start < stop {
-            for (dx, squared) in (start - self.column..).zip(&mut squared[start as usize..stop as usize]) {
-                *squared = dx * dx + base;
-            }
-        }
+    fn crossing(self, column: i32, height: i32) -> i32 {
+        (f64::from(height - self.height) / f64::from(2 * (column - self.column))) as i32 + 1
     }
 }
