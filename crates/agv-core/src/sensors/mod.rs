@@ -4,4 +4,4 @@ mod laser_scan;
 mod point_cloud;
 
 pub use laser_scan::{Beam, LaserScan, ScanGeometry};
-pub use point_cloud::{PointCloud, PointSource};
+pub use point_cloud::{LidarReturn, PointCloud, PointSource};
