@@ -95,17 +95,25 @@ impl<const D: usize> Ray<D> {
         Self { origin, direction, reciprocal }
     }
 
-    /// Where the ray enters the box, if it does before `limit`; zero if it starts inside.
+    /// Where the line of the ray enters and leaves the box; in the wrong order if it misses.
     #[inline]
-    fn entry(&self, bounds: &Bounds<D>, limit: f64) -> Option<f64> {
-        let (mut near, mut far) = (0.0, limit);
+    pub(crate) fn span(&self, bounds: &Bounds<D>) -> (f64, f64) {
+        let (mut near, mut far) = (f64::NEG_INFINITY, f64::INFINITY);
         for axis in 0..D {
             let a = (bounds.min[axis] - self.origin[axis]) * self.reciprocal[axis];
             let b = (bounds.max[axis] - self.origin[axis]) * self.reciprocal[axis];
             near = greater(near, lesser(a, b));
             far = lesser(far, greater(a, b));
         }
-        (near <= far).then_some(near)
+        (near, far)
+    }
+
+    /// Where the ray enters the box, if it does before `limit`; zero if it starts inside.
+    #[inline]
+    fn entry(&self, bounds: &Bounds<D>, limit: f64) -> Option<f64> {
+        let (near, far) = self.span(bounds);
+        let near = greater(near, 0.0);
+        (near <= lesser(far, limit)).then_some(near)
     }
 }
 

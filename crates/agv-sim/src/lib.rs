@@ -17,9 +17,11 @@ mod laser;
 mod noise;
 mod obstacles;
 mod world2d;
+mod world3d;
 
 pub use collision::Body;
 pub use error::Error;
 pub use laser::{Laser, LaserParams, NoReturnReading};
 pub use obstacles::{KeyFrame, MovingDisc, MovingDiscs};
 pub use world2d::{GridWorld, PlanarWorld, Populated, Shape, World2d};
+pub use world3d::{Fixture, Hit, Solid, World3d};

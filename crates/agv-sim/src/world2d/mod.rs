@@ -15,6 +15,7 @@ use nalgebra::Vector2;
 pub use grid_world::GridWorld;
 pub(crate) use planar::{point_in_polygon, ray_circle, ray_segment, segment_distance, segment_point_distance};
 pub use shape::Shape;
+pub(crate) use shape::rectangle_corners;
 pub use shapes_world::World2d;
 
 /// A world on the floor plane, in the map frame, in metres.

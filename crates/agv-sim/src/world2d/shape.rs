@@ -44,6 +44,15 @@ impl Shape {
         Self::Polygon(rectangle_corners(&map_from_center, length, width).to_vec())
     }
 
+    /// The least axis-aligned box around the shape.
+    pub(crate) fn bounds(&self) -> Bounds<2> {
+        match self {
+            Self::Segment { a, b } => bounds_of([a, b]),
+            Self::Circle { center, radius } => bounds_of([center]).grown(*radius),
+            Self::Polygon(corners) => bounds_of(corners),
+        }
+    }
+
     /// Checks the shape, the `index`-th of its list.
     pub(crate) fn validate(&self, index: usize) -> Result<(), Error> {
         match self {
