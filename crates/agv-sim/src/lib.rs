@@ -13,7 +13,9 @@
 mod bvh;
 mod collision;
 mod error;
+mod factory;
 mod laser;
+mod lidar;
 mod noise;
 mod obstacles;
 mod world2d;
@@ -21,7 +23,9 @@ mod world3d;
 
 pub use collision::Body;
 pub use error::Error;
+pub use factory::{Factory, FactoryParams};
 pub use laser::{Laser, LaserParams, NoReturnReading};
+pub use lidar::{Lidar, LidarParams};
 pub use obstacles::{KeyFrame, MovingDisc, MovingDiscs};
 pub use world2d::{GridWorld, PlanarWorld, Populated, Shape, World2d};
 pub use world3d::{Fixture, Hit, Solid, World3d};

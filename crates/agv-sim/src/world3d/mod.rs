@@ -102,6 +102,12 @@ impl World3d {
         &self.fixtures
     }
 
+    /// Reflectivity of a fixture, by its place in [`fixtures`](Self::fixtures); zero beyond the last.
+    #[inline]
+    pub(crate) fn reflectivity(&self, fixture: usize) -> f64 {
+        self.fixtures.get(fixture).map_or(0.0, |f| f.reflectivity)
+    }
+
     /// The first surface from `origin` along the unit vector `direction`, if it is at most `max_range` metres away.
     /// None for a ray that is not finite. O(log n + planes).
     #[inline]
