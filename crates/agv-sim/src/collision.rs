@@ -61,7 +61,7 @@ impl Body {
     pub fn polygon(corners: Vec<Vector2<f64>>) -> Result<Self, Error> {
         check::at_least("body corners", corners.len(), 3)?;
         check::all_finite("body corner", corners.iter().flat_map(|c| c.iter()))?;
-        let reach = corners.iter().map(|c| c.norm()).fold(0.0, f64::max);
+        let reach = corners.iter().map(Vector2::norm).fold(0.0, f64::max);
         Ok(Self { outline: Outline::Polygon(corners), reach })
     }
 

@@ -1,7 +1,7 @@
 //! Obstacles that follow key frames, again and again.
 //!
 //! Between two key frames an obstacle moves in a straight line at constant speed; from the last one to the end of the
-//! period it stands; then it starts over at the first (it jumps there). This is the stated reading of the DynaBARN
+//! period it stands; then it starts over at the first (it jumps there). This is the stated reading of the `DynaBARN`
 //! worlds (`data/localplan/README.md`).
 
 use crate::Error;

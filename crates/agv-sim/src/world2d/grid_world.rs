@@ -175,8 +175,7 @@ impl PlanarWorld for GridWorld {
             }
             let (exit_x, exit_y) = (x.exit(column, free), y.exit(row, free));
             t = t.max(exit_x.min(exit_y));
-            // Not `t > limit`, so that a limit that is NaN ends too.
-            if !(t <= limit) {
+            if t > limit {
                 return None;
             }
             if exit_x < exit_y {

@@ -20,7 +20,7 @@ pub(crate) fn ray_segment(
     let t = to_start.perp(&edge) / determinant;
     let s = to_start.perp(direction) / determinant;
     // A zero determinant makes infinities or NaN, which fail here.
-    (t >= 0.0 && t < f64::INFINITY && (-END_PLAY..=1.0 + END_PLAY).contains(&s)).then_some(t)
+    ((0.0..f64::INFINITY).contains(&t) && (-END_PLAY..=1.0 + END_PLAY).contains(&s)).then_some(t)
 }
 
 /// Distance along the ray to the circle, from outside or from inside.
