@@ -21,7 +21,7 @@ mod voxel;
 pub use deskew::Deskew;
 pub use laser_scan::{Beam, LaserScan, ScanGeometry};
 pub use motion::{BodyMotion, ConstantTwist, PoseTrack};
-pub use point_cloud::{PointCloud, PointSource};
+pub use point_cloud::{LidarReturn, PointCloud, PointSource};
 pub use range_image::{RangeImage, RangeImageParams, RowSource};
 pub use range_reading::RangeReading;
 pub use scan_bins::ScanBins;

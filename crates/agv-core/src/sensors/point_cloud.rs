@@ -27,6 +27,19 @@ impl PointSource for [Vector3<f32>] {
     }
 }
 
+/// One return of a spinning lidar, with all the channels a [`PointCloud`] can hold.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct LidarReturn {
+    /// Where the surface is, in the sensor frame, in metres.
+    pub position: Vector3<f32>,
+    /// Reflectivity, in the sensor's unit.
+    pub intensity: f32,
+    /// Laser line, counted from the lowest.
+    pub ring: u16,
+    /// Time after the cloud's stamp, in seconds.
+    pub time: f32,
+}
+
 /// A point cloud in the sensor frame: coordinates, and optional channels of the same length.
 ///
 /// Points may be non-finite (drivers mark missing returns so); consumers skip those.
@@ -150,6 +163,28 @@ impl PointCloud {
         Ok(self)
     }
 
+    /// Replaces stamp and points, and gives the cloud all optional channels; keeps the mount and the memory.
+    pub fn refill(&mut self, stamp: Stamp, returns: impl IntoIterator<Item = LidarReturn>) {
+        self.stamp = stamp;
+        let intensity = self.intensity.get_or_insert_default();
+        let ring = self.ring.get_or_insert_default();
+        let time = self.time.get_or_insert_default();
+        self.x.clear();
+        self.y.clear();
+        self.z.clear();
+        intensity.clear();
+        ring.clear();
+        time.clear();
+        for point in returns {
+            self.x.push(point.position.x);
+            self.y.push(point.position.y);
+            self.z.push(point.position.z);
+            intensity.push(point.intensity);
+            ring.push(point.ring);
+            time.push(point.time);
+        }
+    }
+
     /// Time of the first point.
     pub const fn stamp(&self) -> Stamp {
         self.stamp
@@ -219,6 +254,19 @@ impl PointSource for PointCloud {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_refilled_cloud_keeps_its_memory_and_its_mount() {
+        let mount = Se3::from_parts(Vector3::new(0.0, 0.0, 2.0), crate::geometry::So3::default());
+        let mut cloud = PointCloud::default().with_mount(mount);
+        let echo = LidarReturn { ring: 3, time: 0.1, ..Default::default() };
+        cloud.refill(Stamp::from_seconds(1.0), vec![echo; 50]);
+        let memory = cloud.x().as_ptr();
+        cloud.refill(Stamp::from_seconds(2.0), vec![echo; 20]);
+        assert_eq!((cloud.len(), cloud.stamp(), cloud.base_from_sensor()), (20, Stamp::from_seconds(2.0), mount));
+        assert_eq!((cloud.ring(), cloud.time()), (Some(&[3_u16; 20][..]), Some(&[0.1_f32; 20][..])));
+        assert_eq!(cloud.x().as_ptr(), memory);
+    }
 
     #[test]
     fn channels_must_match_the_points() {
