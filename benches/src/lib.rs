@@ -1,1 +1,3 @@
 //! Inputs shared by the benches.
+
+pub mod maps;

@@ -110,6 +110,15 @@ impl<T> Grid<T> {
         }
     }
 
+    /// Gives the grid another layout; its values are then unspecified, new ones being `fill`. Keeps the memory.
+    pub(crate) fn reshape(&mut self, layout: GridLayout, fill: T)
+    where
+        T: Clone,
+    {
+        self.values.resize(layout.len(), fill);
+        self.layout = layout;
+    }
+
     /// The values of row `y`, left to right; none outside the grid.
     pub fn row(&self, y: usize) -> Option<&[T]> {
         self.values.chunks_exact(self.layout.width()).nth(y)

@@ -2,8 +2,10 @@
 
 mod cells;
 mod costmap;
+mod distance;
 mod layout;
 
 pub use cells::{CellState, Grid};
 pub use costmap::{Costmap, cost};
+pub use distance::{DistanceParams, DistanceTransform, distance_field};
 pub use layout::{Cell, GridLayout};
