@@ -145,8 +145,7 @@ impl LikelihoodField {
         let far = params.density(params.max_distance) as f32;
         let reach = (params.max_distance / layout.resolution()).ceil();
         let entries = (reach * reach) as usize;
-        let table: Vec<f32> =
-            if entries < MOST_ENTRIES { (0..=entries).map(density).collect() } else { Vec::new() };
+        let table: Vec<f32> = if entries < MOST_ENTRIES { (0..=entries).map(density).collect() } else { Vec::new() };
         let lookup = |&squared: &i32| match table.get(squared as usize) {
             Some(&value) => value,
             None if squared == DistanceTransform::NO_OBSTACLE => far,

@@ -77,8 +77,13 @@ impl FreeSpace {
     }
 
     fn keep(map: &Grid<CellState>, is_kept: impl Fn(usize) -> bool) -> Result<Self, Error> {
-        let cells: Arc<[u32]> = (0..map.layout().len()).filter(|&index| is_kept(index)).map(|index| index as u32).collect();
-        if cells.is_empty() { Err(Error::Empty { name: "free space" }) } else { Ok(Self { layout: *map.layout(), cells }) }
+        let cells: Arc<[u32]> =
+            (0..map.layout().len()).filter(|&index| is_kept(index)).map(|index| index as u32).collect();
+        if cells.is_empty() {
+            Err(Error::Empty { name: "free space" })
+        } else {
+            Ok(Self { layout: *map.layout(), cells })
+        }
     }
 
     /// Size, resolution and pose of the map.

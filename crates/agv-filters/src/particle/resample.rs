@@ -42,7 +42,11 @@ impl Resampler for Systematic {
         let (mut start, mut cumulative) = (0, 0.0);
         for (index, weight) in weights.iter().enumerate() {
             cumulative += weight;
-            let end = if cumulative >= total { ancestors.len() } else { (cumulative * scale - offset).ceil().max(0.0) as usize };
+            let end = if cumulative >= total {
+                ancestors.len()
+            } else {
+                (cumulative * scale - offset).ceil().max(0.0) as usize
+            };
             if start < ancestors.len() && end > start {
                 ancestors[start] = index as u32;
                 start = end;

@@ -122,24 +122,30 @@ impl ParticleSet {
         &mut self.poses
     }
 
-    /// Sets the log-weights as a checkpoint had them.
+    /// Sets the weights as a checkpoint had them, bit for bit.
     #[cfg(feature = "serde")]
-    pub(super) fn restore_log_weights(&mut self, log_weights: Vec<f64>) -> Result<(), Error> {
+    pub(super) fn restore_weights(&mut self, log_weights: &[f64], weights: &[f64]) -> Result<(), Error> {
         check::length("log_weights", log_weights.len(), self.len())?;
-        for &value in &log_weights {
-            // −∞ is a weight of zero.
-            check::in_range("log weight", value, f64::NEG_INFINITY, 1e-6)?;
+        check::length("weights", weights.len(), self.len())?;
+        for (&log_weight, &weight) in log_weights.iter().zip(weights) {
+            check::in_range("weight", weight, 0.0, 1.0 + 1e-9)?;
+            check::in_range("weight less the exponential of its logarithm", weight - log_weight.exp(), -1e-9, 1e-9)?;
         }
-        self.weights.iter_mut().zip(&log_weights).for_each(|(weight, log_weight)| *weight = log_weight.exp());
-        self.log_weights = log_weights;
-        check::in_range("sum of weights", self.weights.iter().sum(), 1.0 - 1e-6, 1.0 + 1e-6)?;
+        check::in_range("sum of weights", weights.iter().sum(), 1.0 - 1e-6, 1.0 + 1e-6)?;
+        self.log_weights.copy_from_slice(log_weights);
+        self.weights.copy_from_slice(weights);
         Ok(())
     }
 
     /// Writes new poses with `fill(index of chunk, chunk)`, and takes them if `accept` does; the set is else as it was.
     ///
     /// Returns whether they were taken; weights are then equal.
-    pub(super) fn refill(&mut self, par: Par, fill: impl Fn(usize, &mut [Se2]) + Sync, accept: impl Fn(&[Se2]) -> bool) -> bool {
+    pub(super) fn refill(
+        &mut self,
+        par: Par,
+        fill: impl Fn(usize, &mut [Se2]) + Sync,
+        accept: impl Fn(&[Se2]) -> bool,
+    ) -> bool {
         par.for_each_chunk(self.spare.as_mut_slice(), CHUNK, |chunk, poses: &mut [Se2]| fill(chunk, poses));
         let accepted = accept(&self.spare);
         if accepted {
@@ -173,7 +179,13 @@ impl ParticleSet {
                 let (old, new) = (chunk_of(old, chunk), chunk_of(log_likelihoods, chunk));
                 old.iter().zip(new).fold(f64::NEG_INFINITY, |peak, (&a, &b)| {
                     let sum = a + b;
-                    if sum <= peak { peak } else if sum > peak { sum } else { f64::INFINITY }
+                    if sum <= peak {
+                        peak
+                    } else if sum > peak {
+                        sum
+                    } else {
+                        f64::INFINITY
+                    }
                 })
             },
             f64::max,
@@ -182,12 +194,17 @@ impl ParticleSet {
             return None;
         }
         let data = (self.log_weights.as_mut_slice(), self.weights.as_mut_slice(), log_likelihoods);
-        par.for_each_chunk(data, CHUNK, |_, (log_weights, weights, log_likelihoods): (&mut [f64], &mut [f64], &[f64])| {
-            for ((log_weight, weight), &log_likelihood) in log_weights.iter_mut().zip(weights).zip(log_likelihoods) {
-                *log_weight = *log_weight + log_likelihood - peak;
-                *weight = log_weight.exp();
-            }
-        });
+        par.for_each_chunk(
+            data,
+            CHUNK,
+            |_, (log_weights, weights, log_likelihoods): (&mut [f64], &mut [f64], &[f64])| {
+                for ((log_weight, weight), &log_likelihood) in log_weights.iter_mut().zip(weights).zip(log_likelihoods)
+                {
+                    *log_weight = *log_weight + log_likelihood - peak;
+                    *weight = log_weight.exp();
+                }
+            },
+        );
         let weights = &self.weights;
         let (sum, squares) = par.map_reduce(
             count.div_ceil(CHUNK),
@@ -197,7 +214,11 @@ impl ParticleSet {
         let (scale, shift) = (1.0 / sum, sum.ln());
         self.weights.iter_mut().for_each(|weight| *weight *= scale);
         self.log_weights.iter_mut().for_each(|log_weight| *log_weight -= shift);
-        Some(WeightSummary { effective_sample_size: sum * sum / squares, max_weight: scale, log_evidence: peak + shift })
+        Some(WeightSummary {
+            effective_sample_size: sum * sum / squares,
+            max_weight: scale,
+            log_evidence: peak + shift,
+        })
     }
 
     /// Draws a new set in proportion to the weights; the weights are equal afterwards.

@@ -76,11 +76,23 @@ pub trait WeighParticles<Z: ?Sized> {
     ///
     /// # Errors
     /// Why the observation cannot weigh anything; `log_likelihoods` then holds nothing of use.
-    fn weigh(&mut self, observation: &Z, poses: &[Se2], log_likelihoods: &mut [f64], par: Par) -> Result<(), SkipReason>;
+    fn weigh(
+        &mut self,
+        observation: &Z,
+        poses: &[Se2],
+        log_likelihoods: &mut [f64],
+        par: Par,
+    ) -> Result<(), SkipReason>;
 }
 
 impl<Z: ?Sized, S: SensorModel<Z>> WeighParticles<Z> for S {
-    fn weigh(&mut self, observation: &Z, poses: &[Se2], log_likelihoods: &mut [f64], par: Par) -> Result<(), SkipReason> {
+    fn weigh(
+        &mut self,
+        observation: &Z,
+        poses: &[Se2],
+        log_likelihoods: &mut [f64],
+        par: Par,
+    ) -> Result<(), SkipReason> {
         let likelihood = self.condition(observation)?;
         par.for_each_chunk((poses, log_likelihoods), CHUNK, |_, (poses, out): (&[Se2], &mut [f64])| {
             likelihood.log_likelihoods(poses, out);
