@@ -1,4 +1,15 @@
 //! Where am I: Kalman filters, Monte Carlo localisation, markers and SLAM.
+//!
+//! # Overview
+//! [`particle`] holds Monte Carlo localisation: a set of weighted poses that odometry moves ([`particle::MotionModel`])
+//! and scans weigh ([`particle::SensorModel`]), put together by [`particle::Mcl`], which plays the roles
+//! [`Localizer`](agv_core::roles::Localizer) and [`Correct`](agv_core::roles::Correct).
+//!
+//! # Features
+//! - `rayon` (default): parallel loops behind [`Par`](agv_core::compute::Par); the results have the same bits without it.
+//! - `serde`: parameters and whole filter states round-trip; loading validates.
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+pub mod particle;

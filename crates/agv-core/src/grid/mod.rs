@@ -15,6 +15,7 @@ mod ray_cast;
 mod scan_insertion;
 mod thresholds;
 mod traversal;
+mod likelihood;
 
 pub use cells::{CellState, Grid};
 pub use collision::{CollisionChecker, CollisionParams};
@@ -30,3 +31,4 @@ pub use ray_cast::{RayCastParams, RayCaster, RayHit};
 pub use scan_insertion::ScanInsertion;
 pub use thresholds::{MapMode, OccupancyPercent, OccupancyThresholds};
 pub use traversal::Traversal;
+pub use likelihood::{LikelihoodField, LikelihoodFieldParams, UnknownSpace};

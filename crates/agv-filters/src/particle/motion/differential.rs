@@ -1,0 +1,225 @@
+//! Odometry motion model of a differential drive.
+//!
+//! A motion is taken apart into a turn towards the end, a straight run and a last turn (paper 001, Eqs. 2–3):
+//!
+//! ```text
+//! rot1 = atan2(Δy, Δx)    trans = |(Δx, Δy)|    rot2 = Δθ - rot1          all in the base frame of the start
+//! ```
+//!
+//! and each is drawn with its own noise (Eqs. 4–5 in their right form; Thrun, Burgard and Fox, *Probabilistic
+//! Robotics*, Table 5.6, with the αs as factors of the variances):
+//!
+//! ```text
+//! var rot1  = α1 rot1² + α2 trans²         x' = x + trans^ cos(θ + rot1^)
+//! var trans = α3 trans² + α4 (rot1² + rot2²)    y' = y + trans^ sin(θ + rot1^)
+//! var rot2  = α1 rot2² + α2 trans²         θ' = θ + rot1^ + rot2^
+//! ```
+//!
+//! Driving backwards is a straight run and no turn by π: noise is scaled by the smaller of a turn and its supplement.
+
+use super::super::trig::sin_cos;
+use super::MotionModel;
+use agv_core::{
+    Error, check,
+    compute::Stream,
+    geometry::{LieGroup, Se2, So2, angle_difference},
+    odometry::OdometryIncrement,
+};
+use nalgebra::{Matrix3, UnitComplex, Vector2, Vector3};
+use rand_distr::{Distribution, StandardNormal};
+use std::f64::consts::PI;
+
+/// How the variances of a motion grow with it. The order is α1 to α4 of the literature and of `nav2_amcl`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct OdometryNoise {
+    /// α1: variance of a turn per squared turn, in rad²/rad².
+    pub turn_per_turn: f64,
+    /// α2: variance of a turn per squared run, in rad²/m².
+    pub turn_per_run: f64,
+    /// α3: variance of a run per squared run, in m²/m².
+    pub run_per_run: f64,
+    /// α4: variance of a run per squared turn, in m²/rad².
+    pub run_per_turn: f64,
+}
+
+impl Default for OdometryNoise {
+    /// The customary 0.2 of `nav2_amcl` and Beluga, which covers slipping wheels.
+    fn default() -> Self {
+        Self::uniform(0.2)
+    }
+}
+
+impl OdometryNoise {
+    /// The same factor for all four.
+    pub const fn uniform(alpha: f64) -> Self {
+        Self { turn_per_turn: alpha, turn_per_run: alpha, run_per_run: alpha, run_per_turn: alpha }
+    }
+}
+
+/// The odometry motion model of a differential drive.
+///
+/// The covariance that an increment may carry is not used: the model states the noise.
+///
+/// ```
+/// use agv_core::compute::Seed;
+/// use agv_core::geometry::Se2;
+/// use agv_core::nalgebra::Matrix3;
+/// use agv_core::odometry::OdometryIncrement;
+/// use agv_core::time::Stamp;
+/// use agv_filters::particle::{DifferentialOdometryModel, MotionModel, OdometryNoise};
+///
+/// let model = DifferentialOdometryModel::new(OdometryNoise::uniform(0.01))?;
+/// let (a, b) = (Se2::new(0.0, 0.0, 0.0), Se2::new(1.0, 0.0, 0.0));
+/// let motion = OdometryIncrement::between(Stamp::default(), &a, Stamp::default(), &b)?;
+/// let moved = model.condition(&motion)(&Se2::new(5.0, 0.0, 0.0), &mut Seed(7).stream(0, 0));
+/// assert!((moved.x() - 6.0).abs() < 0.5);
+/// # Ok::<(), agv_core::Error>(())
+/// ```
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "OdometryNoise", into = "OdometryNoise")
+)]
+pub struct DifferentialOdometryModel {
+    noise: OdometryNoise,
+}
+
+impl TryFrom<OdometryNoise> for DifferentialOdometryModel {
+    type Error = Error;
+
+    fn try_from(noise: OdometryNoise) -> Result<Self, Error> {
+        Self::new(noise)
+    }
+}
+
+impl From<DifferentialOdometryModel> for OdometryNoise {
+    fn from(model: DifferentialOdometryModel) -> Self {
+        model.noise
+    }
+}
+
+/// Below this run, in metres, the direction of the run says nothing and the turn is one turn.
+const LEAST_RUN: f64 = 1e-4;
+
+/// A motion taken apart, with the standard deviation of each part.
+#[derive(Debug, Clone, Copy)]
+struct TurnRunTurn {
+    first_turn: f64,
+    run: f64,
+    last_turn: f64,
+    sigma: Vector3<f64>,
+}
+
+impl DifferentialOdometryModel {
+    /// Checks the noise factors.
+    ///
+    /// # Errors
+    /// A factor that is negative or not finite.
+    pub fn new(noise: OdometryNoise) -> Result<Self, Error> {
+        check::non_negative("turn_per_turn", noise.turn_per_turn)?;
+        check::non_negative("turn_per_run", noise.turn_per_run)?;
+        check::non_negative("run_per_run", noise.run_per_run)?;
+        check::non_negative("run_per_turn", noise.run_per_turn)?;
+        Ok(Self { noise })
+    }
+
+    /// The noise factors.
+    pub const fn noise(&self) -> &OdometryNoise {
+        &self.noise
+    }
+
+    fn take_apart(&self, start_from_end: &Se2) -> TurnRunTurn {
+        let travel = start_from_end.translation();
+        let run = travel.norm();
+        let first_turn = if run < LEAST_RUN { 0.0 } else { travel.y.atan2(travel.x) };
+        let last_turn = angle_difference(start_from_end.yaw(), first_turn);
+        let squared_turn = |turn: f64| turn.abs().min(PI - turn.abs()).powi(2);
+        let (first, last, along) = (squared_turn(first_turn), squared_turn(last_turn), run * run);
+        let OdometryNoise { turn_per_turn, turn_per_run, run_per_run, run_per_turn } = self.noise;
+        let sigma = Vector3::new(
+            (turn_per_turn * first + turn_per_run * along).sqrt(),
+            (run_per_run * along + run_per_turn * (first + last)).sqrt(),
+            (turn_per_turn * last + turn_per_run * along).sqrt(),
+        );
+        TurnRunTurn { first_turn, run, last_turn, sigma }
+    }
+}
+
+impl MotionModel for DifferentialOdometryModel {
+    type Motion = OdometryIncrement;
+
+    fn condition<'a>(&'a self, motion: &'a OdometryIncrement) -> impl Fn(&Se2, &mut Stream) -> Se2 + Sync + 'a {
+        let TurnRunTurn { first_turn, run, last_turn, sigma } = self.take_apart(&motion.start_from_end);
+        // The mean turns are composed as they are; only the noise, a small angle, needs a sine per particle.
+        let (first, last) = (So2::from_angle(first_turn), So2::from_angle(last_turn));
+        move |pose, stream| {
+            let noise: [f64; 3] = std::array::from_fn(|_| StandardNormal.sample(stream));
+            let heading = pose.rotation().compose(&first).compose(&small_turn(sigma.x * noise[0]));
+            let run = run + sigma.y * noise[1];
+            let travel = Vector2::new(run * heading.cos(), run * heading.sin());
+            let rotation = heading.compose(&last).compose(&small_turn(sigma.z * noise[2]));
+            Se2::from_parts(pose.translation() + travel, rotation)
+        }
+    }
+
+    fn covariance(&self, motion: &OdometryIncrement) -> Matrix3<f64> {
+        let TurnRunTurn { run, last_turn, sigma, .. } = self.take_apart(&motion.start_from_end);
+        let (sin, cos) = last_turn.sin_cos();
+        // Columns: how the end moves, in its own frame, with the first turn, the run and the last turn.
+        let jacobian = Matrix3::new(run * sin, cos, 0.0, run * cos, -sin, 0.0, 1.0, 0.0, 1.0);
+        jacobian * Matrix3::from_diagonal(&sigma.component_mul(&sigma)) * jacobian.transpose()
+    }
+}
+
+#[inline]
+fn small_turn(angle: f64) -> So2 {
+    let (sin, cos) = sin_cos(angle);
+    UnitComplex::from_cos_sin_unchecked(cos, sin).into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use agv_core::{compute::Seed, time::Stamp};
+    use proptest::prelude::*;
+
+    fn motion(start_from_end: Se2) -> OdometryIncrement {
+        OdometryIncrement::between(Stamp::default(), &Se2::identity(), Stamp::default(), &start_from_end).unwrap()
+    }
+
+    proptest! {
+        /// Without noise the particle moves exactly as the odometry says, in whatever direction.
+        #[test]
+        fn a_noiseless_model_composes(x in -1.0..1.0_f64, y in -1.0..1.0_f64, yaw in -3.1..3.1_f64, heading in -3.0..3.0_f64) {
+            let (start, travel) = (Se2::new(3.0, -2.0, heading), Se2::new(x, y, yaw));
+            let model = DifferentialOdometryModel::new(OdometryNoise::uniform(0.0)).unwrap();
+            let end = model.condition(&motion(travel))(&start, &mut Seed(0).stream(0, 0));
+            prop_assert!(end.minus(&(start * travel)).norm() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn reversing_is_as_certain_as_driving_ahead() {
+        let model = DifferentialOdometryModel::new(OdometryNoise::default()).unwrap();
+        let ahead = model.covariance(&motion(Se2::new(0.5, 0.0, 0.0)));
+        let back = model.covariance(&motion(Se2::new(-0.5, 0.0, 0.0)));
+        assert!((ahead.diagonal() - back.diagonal()).norm() < 1e-9);
+        // A turn to the left swings the end of a reverse run to the right.
+        assert!(ahead.m23 > 0.0 && (ahead.m23 + back.m23).abs() < 1e-9);
+    }
+
+    #[test]
+    fn bad_noise_is_named() {
+        let good = OdometryNoise::default();
+        for (name, bad) in [
+            ("turn_per_turn", OdometryNoise { turn_per_turn: -0.1, ..good }),
+            ("turn_per_run", OdometryNoise { turn_per_run: f64::NAN, ..good }),
+            ("run_per_run", OdometryNoise { run_per_run: f64::INFINITY, ..good }),
+            ("run_per_turn", OdometryNoise { run_per_turn: -1.0, ..good }),
+        ] {
+            assert!(DifferentialOdometryModel::new(bad).unwrap_err().to_string().starts_with(name));
+        }
+    }
+}

@@ -1,0 +1,58 @@
+//! Where a vehicle may have gone, given what its odometry says.
+
+mod differential;
+
+use agv_core::{compute::Stream, geometry::Se2};
+use nalgebra::Matrix3;
+
+pub use differential::{DifferentialOdometryModel, OdometryNoise};
+
+/// Samples where a vehicle may have gone, given what its odometry says.
+///
+/// Conditioned once per motion; what it returns is called once per particle and draws from the particle's stream only.
+/// [`Mcl`](super::Mcl) takes models whose `Motion` is [`OdometryIncrement`](agv_core::odometry::OdometryIncrement).
+///
+/// ```
+/// use agv_core::compute::{Seed, Stream};
+/// use agv_core::geometry::{LieGroup, Se2};
+/// use agv_core::nalgebra::{Matrix3, Vector3};
+/// use agv_core::odometry::OdometryIncrement;
+/// use agv_filters::particle::MotionModel;
+/// use rand_distr::{Distribution, StandardNormal};
+///
+/// /// The odometry is right but for the heading.
+/// struct HeadingNoise { sigma: f64 }
+///
+/// impl MotionModel for HeadingNoise {
+///     type Motion = OdometryIncrement;
+///
+///     fn condition<'a>(&'a self, motion: &'a OdometryIncrement) -> impl Fn(&Se2, &mut Stream) -> Se2 + Sync + 'a {
+///         move |pose, stream| {
+///             let z: f64 = StandardNormal.sample(stream);
+///             (*pose * motion.start_from_end).plus(&Vector3::new(0.0, 0.0, self.sigma * z))
+///         }
+///     }
+///     fn covariance(&self, _: &OdometryIncrement) -> Matrix3<f64> {
+///         Matrix3::from_diagonal(&Vector3::new(0.0, 0.0, self.sigma * self.sigma))
+///     }
+/// }
+///
+/// let motion = OdometryIncrement {
+///     start: Default::default(), end: Default::default(),
+///     start_from_end: Se2::new(0.3, 0.0, 0.0), covariance: Matrix3::zeros(),
+/// };
+/// let model = HeadingNoise { sigma: 0.1 };
+/// let moved = model.condition(&motion)(&Se2::identity(), &mut Seed(1).stream(0, 0));
+/// assert_eq!(moved.x(), 0.3);
+/// ```
+pub trait MotionModel {
+    /// What the odometry reports between two updates.
+    type Motion;
+
+    /// Hoists everything that does not depend on the particle; the result is called once per particle.
+    fn condition<'a>(&'a self, motion: &'a Self::Motion) -> impl Fn(&Se2, &mut Stream) -> Se2 + Sync + 'a;
+
+    /// Covariance of the motion to first order, over `(x, y, yaw)` in the base frame of its end (m², m rad, rad²):
+    /// what an estimate loses in certainty until the particles themselves have moved.
+    fn covariance(&self, motion: &Self::Motion) -> Matrix3<f64>;
+}
