@@ -5,3 +5,5 @@
 
 pub use agv_core as core;
 pub use agv_core::nalgebra;
+#[cfg(feature = "plan")]
+pub use agv_plan as plan;

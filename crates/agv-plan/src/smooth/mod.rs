@@ -1,0 +1,1 @@
+//! What turns a path of cells into one that a vehicle likes to follow.
