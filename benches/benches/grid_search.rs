@@ -12,7 +12,8 @@ use agv_core::grid::{Cell, CellState, Costmap, Grid, GridLayout};
 use agv_core::path::Path;
 use agv_core::roles::{GlobalPlanner, PlanOutcome};
 use agv_plan::grid::{
-    AStar, AStarParams, GridParams, GridSpace, Heuristic, Limits, Octile, Offset, SearchEnd, Step, Workspace, Zero,
+    AStar, AStarParams, GridParams, GridSpace, Heuristic, Limits, Octile, Offset, Potential, SearchEnd, Step,
+    Workspace, Zero,
 };
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use movingai::{Query, read_map, read_scenario};
@@ -127,6 +128,37 @@ fn report(set: &Set, what: &str, mut solve: impl FnMut(&Query) -> u64) {
     );
 }
 
+/// Work per cell of the map: the full potential, a space built anew, and one that finds its map unchanged.
+fn report_map_work(set: &Set) {
+    let goal = set.space.node(set.queries[0].goal).unwrap();
+    let free = (0..set.costmap.layout().len() as u32).filter(|&node| set.space.is_passable(node)).count() as f64;
+    let cells = set.costmap.layout().len() as f64;
+    let best = |work: &mut dyn FnMut()| {
+        let time = |work: &mut dyn FnMut()| {
+            let begin = Instant::now();
+            work();
+            begin.elapsed().as_secs_f64() * 1e9
+        };
+        (0..7).map(|_| time(work)).fold(f64::INFINITY, f64::min)
+    };
+    let (mut potential, mut same) = (Potential::default(), set.space.clone());
+    let field = best(&mut || potential.compute(&set.space, goal).unwrap());
+    let build = best(&mut || {
+        let mut space = GridSpace::new(GridParams::default()).unwrap();
+        black_box(space.update(&set.costmap));
+    });
+    let compare = best(&mut || {
+        black_box(same.update(&set.costmap));
+    });
+    eprintln!(
+        "{} potential {:.1} ns per free cell; space built {:.2}, compared {:.3} ns per cell",
+        set.name,
+        field / free,
+        build / cells,
+        compare / cells
+    );
+}
+
 fn bench(c: &mut Criterion) {
     for set in sets() {
         let mut workspace = Workspace::default();
@@ -152,6 +184,8 @@ fn bench(c: &mut Criterion) {
                 _ => 0,
             }
         });
+
+        report_map_work(&set);
 
         // Whole sets in criterion; every tenth query keeps the slow peers' share of the time bearable.
         let sample: Vec<&Query> = set.queries.iter().step_by(10).collect();

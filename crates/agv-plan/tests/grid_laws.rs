@@ -3,6 +3,7 @@
 
 use agv_core::geometry::Se2;
 use agv_core::grid::{Cell, Costmap, Grid, GridLayout, cost};
+use agv_core::nalgebra::Vector2;
 use agv_core::path::Path;
 use agv_core::roles::{GlobalPlanner, NoPathReason, PlanOutcome};
 use agv_plan::grid::{
@@ -12,11 +13,11 @@ use agv_plan::grid::{
 use proptest::prelude::*;
 
 fn passable(costmap: &Costmap, grid: &GridParams, cell: Cell) -> Option<f64> {
-    match (costmap.cost(cell)?, grid.unknown) {
-        (cost::UNKNOWN, UnknownSpace::AtCost(c)) if c <= cost::MAX_NON_OBSTACLE => Some(f64::from(c)),
-        (c, _) if c <= cost::MAX_NON_OBSTACLE => Some(f64::from(c)),
-        _ => None,
-    }
+    let seen = match (costmap.cost(cell)?, grid.unknown) {
+        (cost::UNKNOWN, UnknownSpace::AtCost(stand_in)) => stand_in,
+        (value, _) => value,
+    };
+    (seen <= cost::MAX_NON_OBSTACLE).then(|| f64::from(seen))
 }
 
 /// Cost of a step, if the rules allow it.
@@ -97,12 +98,8 @@ fn expected(costmap: &Costmap, grid: &GridParams, start: Cell, goal: Cell) -> Re
 }
 
 fn pose(costmap: &Costmap, cell: Cell, (u, v): (f64, f64)) -> Se2 {
-    let p = costmap.layout().to_map(&agv_core_vector(f64::from(cell.x) + u, f64::from(cell.y) + v));
+    let p = costmap.layout().to_map(&Vector2::new(f64::from(cell.x) + u, f64::from(cell.y) + v));
     Se2::new(p.x, p.y, 0.7)
-}
-
-fn agv_core_vector(x: f64, y: f64) -> agv_core::nalgebra::Vector2<f64> {
-    agv_core::nalgebra::Vector2::new(x, y)
 }
 
 /// Samples along the straight lines of the path lie in cells that may be entered.

@@ -164,7 +164,7 @@ mod tests {
     proptest! {
         /// The branch-free masks against the rules in words, cell by cell.
         #[test]
-        fn masks_follow_the_rules(free in proptest::collection::vec(0_u8..2, 27), rule in 0..3, four in any::<bool>()) {
+        fn masks_follow_the_rules(free in proptest::collection::vec(0_u8..2, 27), rule in 0_usize..3, four in any::<bool>()) {
             let rule = [CornerRule::Never, CornerRule::OneFree, CornerRule::Free][rule];
             let connectivity = if four { Connectivity::Four } else { Connectivity::Eight };
             let rows: Vec<&[u8]> = free.chunks(9).collect();

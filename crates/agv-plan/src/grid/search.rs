@@ -202,6 +202,12 @@ impl<L: Copy + Default, Q: OpenList> Workspace<L, Q> {
         self.nodes.get(node as usize).filter(|n| n.generation == self.generation).map(|n| n.cost)
     }
 
+    /// How `node` was reached in the last search, if it was.
+    #[inline]
+    pub fn link(&self, node: u32) -> Option<L> {
+        self.nodes.get(node as usize).filter(|n| n.generation == self.generation).map(|n| n.link)
+    }
+
     /// Writes the way from the start of the last search to `node`, both included; empty if it was not reached.
     pub fn trace_into<S: SearchSpace<Link = L>>(&self, space: &S, node: u32, way: &mut Vec<u32>) {
         way.clear();

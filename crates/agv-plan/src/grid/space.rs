@@ -318,9 +318,9 @@ impl SearchSpace for Weighted<'_> {
             open &= open - 1;
             let next = node.wrapping_add(self.strides[bit as usize & 7]);
             let there = self.space.costs.get(next as usize).copied().unwrap_or(cost::LETHAL);
-            let kind = (bit >= 4) as usize;
+            let kind = usize::from(bit >= 4);
             // The mean of the two cells, the same in both directions.
-            visit(next, (from[kind] + self.space.step_costs[there as usize][kind]) / 2, Step::from_bit(bit));
+            visit(next, u32::midpoint(from[kind], self.space.step_costs[there as usize][kind]), Step::from_bit(bit));
         }
     }
 
