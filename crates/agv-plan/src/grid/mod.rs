@@ -34,6 +34,7 @@
 //! ```
 
 mod astar;
+mod components;
 mod dijkstra;
 mod heuristic;
 mod masks;
@@ -45,6 +46,7 @@ mod space;
 mod step;
 
 pub use astar::{AStar, AStarParams, GridHeuristic};
+pub use components::Components;
 pub use dijkstra::{Dijkstra, DijkstraParams};
 pub use heuristic::{Euclidean, Heuristic, Manhattan, Octile, Offset, Zero};
 pub use masks::{Connectivity, CornerRule};

@@ -150,7 +150,10 @@ impl<L: Copy + Default, Q: OpenList> Workspace<L, Q> {
         self.begin(space);
         let mut result = SearchResult { end: SearchEnd::Exhausted, expansions: 0, nearest: start };
         let generation = self.generation;
-        let Some(first) = self.nodes.get_mut(start as usize) else { return result };
+        // The nodes may outnumber this space's, if an earlier one was larger.
+        let Some(first) = self.nodes.get_mut(start as usize).filter(|_| (start as usize) < space.node_count()) else {
+            return result;
+        };
         *first = Node { cost: 0, generation, link: L::default() };
         self.open.push(heuristic.estimate(start), Entry { node: start, cost: 0 });
         let (mut nearest_estimate, mut overflow) = (u32::MAX, false);
@@ -226,10 +229,8 @@ impl<L: Copy + Default, Q: OpenList> Workspace<L, Q> {
     /// Forgets the last search.
     fn begin<S: SearchSpace>(&mut self, space: &S) {
         let len = space.node_count();
-        if self.nodes.len() != len {
-            self.nodes.clear();
+        if self.nodes.len() < len {
             self.nodes.resize(len, Node::default());
-            self.generation = 0;
         }
         self.generation = self.generation.wrapping_add(1);
         if self.generation == 0 {
