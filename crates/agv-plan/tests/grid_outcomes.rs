@@ -174,3 +174,18 @@ fn parts_take_empty_spaces_and_strange_nodes() {
     assert!(way.is_empty());
     assert_eq!((space.mask(u32::MAX), space.is_passable(u32::MAX), space.path_cost(&[])), (0, false, 0.0));
 }
+
+/// Stamps are 16 bits wide: what a search reached 65 536 searches ago must not look reached.
+#[test]
+fn old_searches_are_forgotten_when_the_stamps_start_anew() {
+    let mut space = GridSpace::new(GridParams::default()).unwrap();
+    space.update(&parted());
+    let mut workspace: Workspace<_> = Workspace::default();
+    workspace.search(&space.uniform(), &agv_plan::grid::Zero, 0, |_| false, &mut Limits::none());
+    assert!(workspace.cost(41).is_some());
+    for round in 0..70_000 {
+        let result = workspace.search(&space.uniform(), &agv_plan::grid::Zero, 0, |n| n == 0, &mut Limits::none());
+        assert_eq!(result.end, SearchEnd::Goal { node: 0, cost: 0 });
+        assert_eq!(workspace.cost(41), None, "{round}");
+    }
+}

@@ -20,9 +20,9 @@ const SETS: [(&str, &str, usize); 9] = [
     ("warehouse-20-40-10-2-2.map.gz", "warehouse-20-40-10-2-2-even-1.scen.gz", 1),
     ("maze-128-128-2.map.gz", "maze-128-128-2-random-1.scen.gz", 1),
     ("random-32-32-20.map.gz", "random-32-32-20-random-1.scen.gz", 1),
-    ("brc202d.map.gz", "brc202d.map.scen.gz", 5),
-    ("maze512-8-0.map.gz", "maze512-8-0.map.scen.gz", 30),
-    ("Berlin_1_1024.map.gz", "Berlin_1_1024.map.scen.gz", 40),
+    ("brc202d.map.gz", "brc202d.map.scen.gz", 15),
+    ("maze512-8-0.map.gz", "maze512-8-0.map.scen.gz", 60),
+    ("Berlin_1_1024.map.gz", "Berlin_1_1024.map.scen.gz", 80),
 ];
 
 fn data(file: &str) -> PathBuf {
