@@ -1,4 +1,17 @@
 //! Where do I go: planners on grids and in the neighbourhood of the vehicle.
+//!
+//! - [`grid`]: best-first search on costmaps. [`AStar`](grid::AStar) and [`Dijkstra`](grid::Dijkstra) play
+//!   [`GlobalPlanner`](agv_core::roles::GlobalPlanner); the parts they are made of (space, queue, heuristic, search) are
+//!   open for use on their own.
+//! - [`smooth`]: what turns a path of cells into one that a vehicle likes to follow.
+//!
+//! Features: `rayon` (parallel loops, on by default) and `serde` (parameters round-trip).
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+mod error;
+pub mod grid;
+pub mod smooth;
+
+pub use error::Error;

@@ -1,0 +1,24 @@
+//! The crate's one error type.
+
+/// Why a planner's parameters or inputs were refused.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A value was refused.
+    #[error(transparent)]
+    Core(#[from] agv_core::Error),
+    /// The heuristic overestimates under the chosen connectivity, so that paths would not be optimal.
+    #[error("heuristic {heuristic} overestimates where diagonal steps are allowed")]
+    InconsistentHeuristic {
+        /// Its name.
+        heuristic: &'static str,
+    },
+    /// A node index is not one of the search space.
+    #[error("node {node} does not belong to a space of {len} nodes")]
+    NoSuchNode {
+        /// What was given.
+        node: u32,
+        /// Nodes of the space.
+        len: usize,
+    },
+}

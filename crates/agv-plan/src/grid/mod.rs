@@ -1,0 +1,57 @@
+//! Best-first search on costmaps.
+//!
+//! What a planner is made of:
+//!
+//! ```text
+//! Costmap -> GridSpace (masks)  \
+//!            Heuristic           >  Workspace::search  ->  cost, way, expansions
+//!            OpenList (buckets) /
+//! ```
+//!
+//! [`AStar`] and [`Dijkstra`] put the parts together behind [`GlobalPlanner`](agv_core::roles::GlobalPlanner). Who asks many
+//! questions of one map, wants several goals, or brings another graph, holds the parts:
+//!
+//! ```
+//! use agv_core::geometry::Se2;
+//! use agv_core::grid::{Cell, CellState, Costmap, Grid, GridLayout};
+//! use agv_plan::grid::{GridParams, GridSpace, Limits, Octile, Offset, SearchEnd, Workspace};
+//!
+//! let map = Grid::filled(GridLayout::new(50, 40, 0.1, Se2::default())?, CellState::Free);
+//! let mut space = GridSpace::new(GridParams::default())?;
+//! space.update(&Costmap::from_map(&map));
+//!
+//! let goal = Cell::new(30, 20);
+//! let goal_node = space.node(goal).unwrap();
+//! let mut workspace: Workspace<_> = Workspace::default();
+//! let result =
+//!     workspace.search(&space.uniform(), &Octile(Offset::new(50, goal)), 0, |n| n == goal_node, &mut Limits::none());
+//! assert!(matches!(result.end, SearchEnd::Goal { .. }));
+//!
+//! let mut way = Vec::new();
+//! workspace.trace_into(&space.uniform(), goal_node, &mut way);
+//! assert_eq!(space.path_cost(&way), 10.0 + 20.0 * 2.0_f64.sqrt());
+//! # Ok::<(), agv_plan::Error>(())
+//! ```
+
+mod astar;
+mod components;
+mod dijkstra;
+mod heuristic;
+mod masks;
+mod potential;
+mod query;
+mod queue;
+mod search;
+mod space;
+mod step;
+
+pub use astar::{AStar, AStarParams, GridHeuristic};
+pub use components::Components;
+pub use dijkstra::{Dijkstra, DijkstraParams};
+pub use heuristic::{Euclidean, Heuristic, Manhattan, Octile, Offset, Zero};
+pub use masks::{Connectivity, CornerRule};
+pub use potential::Potential;
+pub use queue::{BucketQueue, Entry, HeapQueue, OpenList};
+pub use search::{Limits, SearchEnd, SearchResult, SearchSpace, Workspace};
+pub use space::{GridParams, GridSpace, Uniform, UnknownSpace, Weighted};
+pub use step::{DIAGONAL, STRAIGHT, Step};

@@ -1,0 +1,331 @@
+//! A costmap as a graph: cells that may be entered, joined to their neighbours.
+
+use super::{
+    masks::{Connectivity, CornerRule, Pruning, row_masks},
+    search::SearchSpace,
+    step::{DIAGONAL, STRAIGHT, Step},
+};
+use crate::Error;
+use agv_core::{
+    check,
+    grid::{Cell, Costmap, GridLayout, cost},
+};
+
+/// What a planner makes of cells that nobody has observed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum UnknownSpace {
+    /// They may not be entered.
+    #[default]
+    Blocked,
+    /// They may be entered as if they had this cost of the scale of [`cost`]; from [`cost::INSCRIBED`] on they are
+    /// blocked after all.
+    AtCost(u8),
+}
+
+/// How a costmap becomes a graph.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct GridParams {
+    /// Which neighbours a cell has.
+    pub connectivity: Connectivity,
+    /// Whether diagonal steps may pass the corners of blocked cells.
+    pub corner_rule: CornerRule,
+    /// What to make of unknown cells.
+    pub unknown: UnknownSpace,
+    /// How much dearer than a free cell the dearest one is, without unit, from 0 to [`GridParams::MAX_COST_WEIGHT`]. A step
+    /// of length l between cells of costs a and b costs `l (1 + cost_weight (a + b) / 2 / 252)` metres; at zero, the
+    /// default, costs only decide where the vehicle may go, and the shortest path is found. Nav2's Smac planner has 2.
+    pub cost_weight: f64,
+}
+
+impl GridParams {
+    /// Greatest [`cost_weight`](Self::cost_weight); the keys of the search are integers within a bounded window.
+    pub const MAX_COST_WEIGHT: f64 = 50.0;
+}
+
+/// The graph of a costmap: a mask of open neighbours per cell.
+///
+/// Node `y * width + x` is cell `(x, y)`, as in the costmap's storage. [`update`](Self::update) compares the costmap with the
+/// one it knows and derives again only the rows that changed: an unchanged map costs a comparison of bytes (some 30 ns
+/// per thousand cells), so that a planner may be handed a costmap with every query.
+///
+/// ```
+/// use agv_core::geometry::Se2;
+/// use agv_core::grid::{Cell, CellState, Costmap, Grid, GridLayout};
+/// use agv_plan::grid::{GridParams, GridSpace, Step};
+///
+/// let mut map = Grid::filled(GridLayout::new(3, 2, 1.0, Se2::default())?, CellState::Free);
+/// map.set(Cell::new(1, 0), CellState::Occupied);
+/// let mut space = GridSpace::new(GridParams::default())?;
+/// space.update(&Costmap::from_map(&map));
+/// // From the lower left only the way up is open: the diagonal would cut the corner.
+/// assert_eq!(space.mask(0), Step::NORTH.bit());
+/// # Ok::<(), agv_plan::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct GridSpace {
+    params: GridParams,
+    layout: Option<GridLayout>,
+    /// The costmap as it was seen last.
+    costs: Vec<u8>,
+    masks: Vec<u8>,
+    passable: [bool; 256],
+    /// Cost of a straight and a diagonal step between two cells of this cost.
+    step_costs: Box<[[u32; 2]; 256]>,
+    canonical: Pruning,
+    reverse_only: Pruning,
+    /// Three padded rows of passable cells.
+    rows: [Vec<u8>; 3],
+}
+
+impl GridSpace {
+    /// A graph without cells, to be filled by [`update`](Self::update).
+    ///
+    /// # Errors
+    /// A cost weight that is not in `[0, MAX_COST_WEIGHT]`.
+    pub fn new(params: GridParams) -> Result<Self, Error> {
+        check::in_range("cost_weight", params.cost_weight, 0.0, GridParams::MAX_COST_WEIGHT)?;
+        let seen_as = |value: u8| match params.unknown {
+            UnknownSpace::AtCost(stand_in) if value == cost::UNKNOWN => stand_in,
+            _ => value,
+        };
+        let (mut passable, mut step_costs) = ([false; 256], Box::new([[0; 2]; 256]));
+        for value in 0..=u8::MAX {
+            let seen = seen_as(value);
+            passable[value as usize] = seen <= cost::MAX_NON_OBSTACLE;
+            let factor = 1.0 + params.cost_weight * f64::from(seen) / f64::from(cost::MAX_NON_OBSTACLE);
+            let scaled = |base: u32| (f64::from(base) * factor).round() as u32;
+            step_costs[value as usize] = [scaled(STRAIGHT), scaled(DIAGONAL)];
+        }
+        Ok(Self {
+            params,
+            layout: None,
+            costs: Vec::new(),
+            masks: Vec::new(),
+            passable,
+            step_costs,
+            canonical: Pruning::canonical(params.connectivity, params.corner_rule),
+            reverse_only: Pruning::reverse_only(),
+            rows: Default::default(),
+        })
+    }
+
+    /// Parameters it was made with.
+    pub const fn params(&self) -> &GridParams {
+        &self.params
+    }
+
+    /// Layout of the costmap it knows; none before the first [`update`](Self::update).
+    pub const fn layout(&self) -> Option<&GridLayout> {
+        self.layout.as_ref()
+    }
+
+    /// Takes a costmap and returns how many rows changed since the last one (all of them for a map of another size).
+    pub fn update(&mut self, costmap: &Costmap) -> usize {
+        let layout = *costmap.layout();
+        let (width, height) = (layout.width(), layout.height());
+        let same_size = self.layout.is_some_and(|l| l.width() == width && l.height() == height);
+        self.layout = Some(layout);
+        if same_size && self.costs == costmap.costs() {
+            return 0;
+        }
+        if !same_size {
+            self.masks.clear();
+            self.masks.resize(layout.len(), 0);
+            self.costs.clear();
+            self.costs.resize(layout.len(), cost::LETHAL);
+        }
+        // Row y's masks see the rows beside it: they are derived when the next row is known, if one of the three changed.
+        let (mut changed, mut window) = (0, [!same_size; 3]);
+        for y in 0..=height {
+            let now = y < height && (self.copy_row(y, width, costmap) || !same_size);
+            changed += usize::from(now);
+            window = [window[1], window[2], now];
+            if y > 0 && window.contains(&true) {
+                self.derive_row(y - 1, width, height);
+            }
+        }
+        changed
+    }
+
+    /// Copies row `y` and says whether it differed.
+    fn copy_row(&mut self, y: usize, width: usize, costmap: &Costmap) -> bool {
+        let cells = y * width..(y + 1) * width;
+        let (old, new) = (&mut self.costs[cells.clone()], &costmap.costs()[cells]);
+        let differs = *old != *new;
+        if differs {
+            old.copy_from_slice(new);
+        }
+        differs
+    }
+
+    /// Masks of row `y` from the costs.
+    fn derive_row(&mut self, y: usize, width: usize, height: usize) {
+        let lines = [y.checked_sub(1), Some(y), Some(y + 1).filter(|&above| above < height)];
+        for (padded, line) in self.rows.iter_mut().zip(lines) {
+            padded.clear();
+            padded.resize(width + 2, 0);
+            if let Some(line) = line {
+                let costs = &self.costs[line * width..(line + 1) * width];
+                for (slot, &value) in padded[1..].iter_mut().zip(costs) {
+                    *slot = u8::from(self.passable[value as usize]);
+                }
+            }
+        }
+        let [below, row, above] = &self.rows;
+        let masks = &mut self.masks[y * width..(y + 1) * width];
+        row_masks(below, row, above, self.params.connectivity, self.params.corner_rule, masks);
+    }
+
+    /// Node of a cell, if it belongs to the map.
+    #[inline]
+    pub fn node(&self, cell: Cell) -> Option<u32> {
+        self.layout.as_ref()?.index(cell).map(|index| index as u32)
+    }
+
+    /// Cell of a node; (0, 0) before the first [`update`](Self::update).
+    #[inline]
+    pub fn cell(&self, node: u32) -> Cell {
+        self.layout.as_ref().map_or_else(Cell::default, |layout| layout.cell(node as usize))
+    }
+
+    /// Open neighbours of a node, a bit per [`Step`]; zero outside the map.
+    #[inline]
+    pub fn mask(&self, node: u32) -> u8 {
+        self.masks.get(node as usize).copied().unwrap_or(0)
+    }
+
+    /// Whether the vehicle's centre may stand in the node's cell.
+    #[inline]
+    pub fn is_passable(&self, node: u32) -> bool {
+        self.costs.get(node as usize).is_some_and(|&c| self.passable[c as usize])
+    }
+
+    /// Whether cells differ in cost, so that [`weighted`](Self::weighted) is the view to search.
+    pub fn is_weighted(&self) -> bool {
+        self.params.cost_weight > 0.0
+    }
+
+    /// The graph with steps that cost their length.
+    pub fn uniform(&self) -> Uniform<'_> {
+        Uniform { space: self, strides: self.strides() }
+    }
+
+    /// The graph with steps that cost more near obstacles, as [`GridParams::cost_weight`] says.
+    pub fn weighted(&self) -> Weighted<'_> {
+        Weighted { space: self, strides: self.strides() }
+    }
+
+    /// How the node's number changes by each step, modulo 2^32.
+    fn strides(&self) -> [u32; 8] {
+        let width = self.layout.map_or(0, |l| l.width() as u32);
+        Step::ALL.map(|step| (step.dx() as u32).wrapping_add((step.dy() as u32).wrapping_mul(width)))
+    }
+
+    /// Cost of the steps along `nodes` (which follow one another), in cells: from exact counts of straight and diagonal
+    /// steps, weighted by the cells' costs where the parameters say so.
+    pub fn path_cost(&self, nodes: &[u32]) -> f64 {
+        let (mut straight, mut diagonal) = (0_u64, 0_u64);
+        let mut extra = 0.0;
+        let weight = self.params.cost_weight / f64::from(cost::MAX_NON_OBSTACLE);
+        for pair in nodes.windows(2) {
+            let (a, b) = (self.cell(pair[0]), self.cell(pair[1]));
+            let is_diagonal = a.x != b.x && a.y != b.y;
+            if is_diagonal {
+                diagonal += 1;
+            } else {
+                straight += 1;
+            }
+            if self.is_weighted() {
+                let length = if is_diagonal { std::f64::consts::SQRT_2 } else { 1.0 };
+                extra += length * weight * 0.5 * (self.seen_cost(pair[0]) + self.seen_cost(pair[1]));
+            }
+        }
+        straight as f64 + diagonal as f64 * std::f64::consts::SQRT_2 + extra
+    }
+
+    /// Cost of a cell as the search sees it.
+    fn seen_cost(&self, node: u32) -> f64 {
+        match (self.costs.get(node as usize), self.params.unknown) {
+            (Some(&cost::UNKNOWN), UnknownSpace::AtCost(stand_in)) => f64::from(stand_in),
+            (Some(&value), _) => f64::from(value),
+            (None, _) => 0.0,
+        }
+    }
+}
+
+/// A [`GridSpace`] whose steps cost their length.
+#[derive(Debug, Clone, Copy)]
+pub struct Uniform<'a> {
+    space: &'a GridSpace,
+    strides: [u32; 8],
+}
+
+impl SearchSpace for Uniform<'_> {
+    type Link = Step;
+
+    fn node_count(&self) -> usize {
+        self.space.masks.len()
+    }
+
+    fn max_step(&self) -> u32 {
+        DIAGONAL
+    }
+
+    #[inline]
+    fn successors(&self, node: u32, arrival: Step, mut visit: impl FnMut(u32, u32, Step)) {
+        let mut open = self.space.canonical.successors(arrival, self.space.mask(node));
+        while open != 0 {
+            let bit = open.trailing_zeros();
+            open &= open - 1;
+            let step = if bit < 4 { STRAIGHT } else { DIAGONAL };
+            visit(node.wrapping_add(self.strides[bit as usize & 7]), step, Step::from_bit(bit));
+        }
+    }
+
+    #[inline]
+    fn predecessor(&self, node: u32, link: Step) -> Option<u32> {
+        self.strides.get(link.index()).map(|stride| node.wrapping_sub(*stride))
+    }
+}
+
+/// A [`GridSpace`] whose steps cost more where the costmap does.
+#[derive(Debug, Clone, Copy)]
+pub struct Weighted<'a> {
+    space: &'a GridSpace,
+    strides: [u32; 8],
+}
+
+impl SearchSpace for Weighted<'_> {
+    type Link = Step;
+
+    fn node_count(&self) -> usize {
+        self.space.masks.len()
+    }
+
+    fn max_step(&self) -> u32 {
+        (f64::from(DIAGONAL) * (1.0 + self.space.params.cost_weight)).ceil() as u32
+    }
+
+    #[inline]
+    fn successors(&self, node: u32, arrival: Step, mut visit: impl FnMut(u32, u32, Step)) {
+        let mut open = self.space.reverse_only.successors(arrival, self.space.mask(node));
+        let Some(&here) = self.space.costs.get(node as usize) else { return };
+        let from = self.space.step_costs[here as usize];
+        while open != 0 {
+            let bit = open.trailing_zeros();
+            open &= open - 1;
+            let next = node.wrapping_add(self.strides[bit as usize & 7]);
+            let there = self.space.costs.get(next as usize).copied().unwrap_or(cost::LETHAL);
+            let kind = usize::from(bit >= 4);
+            // The mean of the two cells, the same in both directions.
+            visit(next, u32::midpoint(from[kind], self.space.step_costs[there as usize][kind]), Step::from_bit(bit));
+        }
+    }
+
+    #[inline]
+    fn predecessor(&self, node: u32, link: Step) -> Option<u32> {
+        self.strides.get(link.index()).map(|stride| node.wrapping_sub(*stride))
+    }
+}

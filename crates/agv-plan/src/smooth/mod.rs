@@ -1,0 +1,7 @@
+//! What turns a path of cells into one that a vehicle likes to follow.
+
+mod key_nodes;
+mod line_of_sight;
+
+pub use key_nodes::{KeyNodes, KeyNodesParams};
+pub use line_of_sight::LineOfSight;

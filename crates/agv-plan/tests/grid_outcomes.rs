@@ -1,0 +1,191 @@
+//! What the planners on grids say when there is no plain answer: tolerances, budgets, cancelling, bad input.
+
+use agv_core::geometry::Se2;
+use agv_core::grid::{Cell, Costmap, Grid, GridLayout, cost};
+use agv_core::path::Path;
+use agv_core::roles::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome};
+use agv_plan::Error;
+use agv_plan::grid::{
+    AStar, AStarParams, Connectivity, Dijkstra, DijkstraParams, GridHeuristic, GridParams, GridSpace, Limits, Octile,
+    Offset, SearchEnd, UnknownSpace, Workspace,
+};
+
+/// A room of 40 x 30 cells of 0.1 m, parted by a wall of column 20.
+fn parted() -> Costmap {
+    let layout = GridLayout::new(40, 30, 0.1, Se2::default()).unwrap();
+    let mut grid = Grid::filled(layout, cost::FREE);
+    for y in 0..30 {
+        grid.set(Cell::new(20, y), cost::LETHAL);
+    }
+    Costmap::from_costs(grid)
+}
+
+fn plan(params: AStarParams, start: (f64, f64), goal: (f64, f64)) -> (Result<PlanOutcome, PlanError>, Path) {
+    let mut path = Path::from_positions(&[agv_core::nalgebra::Vector2::zeros()]).unwrap();
+    let mut planner = AStar::new(params).unwrap();
+    let (start, goal) = (Se2::new(start.0, start.1, 0.5), Se2::new(goal.0, goal.1, -0.5));
+    (planner.plan_into(&parted(), &start, &goal, &mut path), path)
+}
+
+fn reason(outcome: &Result<PlanOutcome, PlanError>) -> Option<NoPathReason> {
+    match outcome {
+        Ok(PlanOutcome::NoPath { reason, .. }) => Some(*reason),
+        _ => None,
+    }
+}
+
+#[test]
+fn reasons_are_told_apart() {
+    let (free, wall, beyond) = ((0.55, 1.05), (2.05, 1.05), (3.05, 1.05));
+    for (start, goal, why) in [
+        (wall, free, NoPathReason::StartBlocked),
+        (free, wall, NoPathReason::GoalBlocked),
+        (free, beyond, NoPathReason::Disconnected),
+    ] {
+        let (outcome, path) = plan(AStarParams::default(), start, goal);
+        assert_eq!(reason(&outcome), Some(why));
+        assert!(path.is_empty());
+    }
+}
+
+#[test]
+fn tolerances_move_start_and_goal_to_where_the_vehicle_can_stand() {
+    let params = AStarParams { start_tolerance: 0.15, goal_tolerance: 0.15, ..Default::default() };
+    // The start stands in the wall, nearer to its left side.
+    let (outcome, path) = plan(params, (2.02, 1.05), (0.55, 1.05));
+    assert!(matches!(outcome, Ok(PlanOutcome::Found { cost, .. }) if (cost - 1.4).abs() < 1e-9), "{outcome:?}");
+    assert_eq!(path.points()[0].pose.x(), 2.02);
+    assert!((path.points()[1].pose.x() - 1.95).abs() < 1e-9);
+    // The goal stands in the wall, nearer to its left side.
+    let (outcome, path) = plan(params, (0.55, 1.05), (2.02, 1.05));
+    assert!(matches!(outcome, Ok(PlanOutcome::Found { cost, .. }) if (cost - 1.4).abs() < 1e-9), "{outcome:?}");
+    let last = path.points()[path.len() - 1].pose;
+    assert!((last.x() - 1.95).abs() < 1e-9 && (last.yaw() + 0.5).abs() < 1e-9);
+    // The goal is free but beyond the wall: what can be reached within its tolerance will do.
+    let wide = AStarParams { goal_tolerance: 0.25, ..Default::default() };
+    let (outcome, path) = plan(wide, (0.55, 1.05), (2.15, 1.05));
+    assert!(matches!(outcome, Ok(PlanOutcome::Found { .. })), "{outcome:?}");
+    assert!((path.points()[path.len() - 1].pose.x() - 1.95).abs() < 1e-9);
+    assert_eq!(reason(&plan(params, (0.55, 1.05), (2.25, 1.05)).0), Some(NoPathReason::Disconnected));
+}
+
+#[test]
+fn a_budget_ends_with_the_best_path_so_far() {
+    let (start, goal) = ((0.15, 0.15), (1.85, 2.85));
+    let (full, _) = plan(AStarParams::default(), start, goal);
+    let Ok(PlanOutcome::Found { expansions: needed, .. }) = full else { panic!("{full:?}") };
+    assert!(matches!(
+        plan(AStarParams { max_expansions: needed, ..Default::default() }, start, goal).0,
+        Ok(PlanOutcome::Found { .. })
+    ));
+    let mut last = f64::INFINITY;
+    for budget in [0, 1, needed / 2, needed - 1] {
+        for heuristic in [GridHeuristic::Exact, GridHeuristic::Zero] {
+            let (outcome, path) =
+                plan(AStarParams { max_expansions: budget, heuristic, ..Default::default() }, start, goal);
+            assert_eq!(outcome, Ok(PlanOutcome::NoPath { reason: NoPathReason::Budget, expansions: budget }));
+            assert_eq!((path.points()[0].pose.x(), path.points()[0].pose.y()), start);
+            let end = path.points()[path.len() - 1].pose;
+            if heuristic == GridHeuristic::Exact {
+                let left = (end.x() - goal.0).hypot(end.y() - goal.1);
+                assert!(left <= last, "{left} after {last}");
+                last = left;
+            }
+        }
+    }
+    assert!(last < 0.2, "{last}");
+}
+
+#[test]
+fn a_callback_cancels() {
+    let layout = GridLayout::new(300, 300, 0.1, Se2::default()).unwrap();
+    let costmap = Costmap::from_costs(Grid::filled(layout, cost::FREE));
+    let mut planner = Dijkstra::new(DijkstraParams::default()).unwrap();
+    let (start, goal, mut path) = (Se2::new(15.0, 15.0, 0.0), Se2::new(29.0, 29.0, 0.0), Path::new());
+    let mut asked = 0;
+    let mut cancel = || {
+        asked += 1;
+        asked == 5
+    };
+    let outcome = planner.plan_with_cancel(&costmap, (&start, &goal), &mut path, &mut cancel).unwrap();
+    assert_eq!(
+        outcome,
+        PlanOutcome::NoPath { reason: NoPathReason::Cancelled, expansions: 5 * Limits::CANCEL_INTERVAL }
+    );
+    let end = path.points()[path.len() - 1].pose;
+    assert!(end.x() > 16.0 && end.y() > 16.0, "the reached cell nearest to the goal: {end:?}");
+    assert!(matches!(planner.plan_into(&costmap, &start, &goal, &mut path), Ok(PlanOutcome::Found { .. })));
+}
+
+#[test]
+fn bad_poses_are_refused_with_an_empty_path() {
+    let free = (0.55, 1.05);
+    for bad in [(-0.01, 1.0), (4.01, 1.0), (1.0, 3.5), (1e300, 0.0)] {
+        let (outcome, path) = plan(AStarParams::default(), bad, free);
+        assert!(matches!(outcome, Err(PlanError::StartOutside { x, y }) if (x, y) == bad), "{outcome:?}");
+        assert!(path.is_empty());
+        let (outcome, path) = plan(AStarParams::default(), free, bad);
+        assert!(matches!(outcome, Err(PlanError::GoalOutside { x, y }) if (x, y) == bad), "{outcome:?}");
+        assert!(path.is_empty());
+    }
+    for bad in [(f64::NAN, 1.0), (1.0, f64::INFINITY)] {
+        for (start, goal) in [(bad, free), (free, bad)] {
+            let (outcome, path) = plan(AStarParams::default(), start, goal);
+            assert!(matches!(outcome, Err(PlanError::Invalid(_))), "{outcome:?}");
+            assert!(path.is_empty());
+        }
+    }
+}
+
+#[test]
+fn bad_parameters_are_refused() {
+    for bad in [-1.0, f64::NAN, f64::INFINITY] {
+        assert!(AStar::new(AStarParams { start_tolerance: bad, ..Default::default() }).is_err());
+        assert!(AStar::new(AStarParams { goal_tolerance: bad, ..Default::default() }).is_err());
+        assert!(Dijkstra::new(DijkstraParams { goal_tolerance: bad, ..Default::default() }).is_err());
+    }
+    for cost_weight in [-0.1, 50.1, f64::NAN, f64::INFINITY] {
+        assert!(GridSpace::new(GridParams { cost_weight, ..Default::default() }).is_err());
+    }
+    let manhattan = AStarParams { heuristic: GridHeuristic::Manhattan, ..Default::default() };
+    assert_eq!(AStar::new(manhattan).err(), Some(Error::InconsistentHeuristic { heuristic: "Manhattan" }));
+    let four = GridParams { connectivity: Connectivity::Four, ..Default::default() };
+    assert!(AStar::new(AStarParams { grid: four, ..manhattan }).is_ok());
+}
+
+#[test]
+fn a_huge_tolerance_is_bounded_by_the_map() {
+    let params = AStarParams { start_tolerance: f64::MAX, goal_tolerance: f64::MAX, ..Default::default() };
+    assert!(matches!(plan(params, (0.55, 1.05), (3.5, 1.05)).0, Ok(PlanOutcome::Found { .. })));
+}
+
+#[test]
+fn parts_take_empty_spaces_and_strange_nodes() {
+    let mut workspace: Workspace<_> = Workspace::default();
+    let mut space = GridSpace::new(GridParams { unknown: UnknownSpace::AtCost(255), ..Default::default() }).unwrap();
+    let octile = Octile(Offset::new(0, Cell::new(0, 0)));
+    let result = workspace.search(&space.uniform(), &octile, 0, |_| true, &mut Limits::none());
+    assert_eq!(result.end, SearchEnd::Exhausted);
+    space.update(&parted());
+    let result = workspace.search(&space.uniform(), &octile, u32::MAX, |_| true, &mut Limits::none());
+    assert_eq!((result.end, result.expansions), (SearchEnd::Exhausted, 0));
+    let mut way = vec![1, 2, 3];
+    workspace.trace_into(&space.uniform(), 7, &mut way);
+    assert!(way.is_empty());
+    assert_eq!((space.mask(u32::MAX), space.is_passable(u32::MAX), space.path_cost(&[])), (0, false, 0.0));
+}
+
+/// Stamps are 16 bits wide: what a search reached 65 536 searches ago must not look reached.
+#[test]
+fn old_searches_are_forgotten_when_the_stamps_start_anew() {
+    let mut space = GridSpace::new(GridParams::default()).unwrap();
+    space.update(&parted());
+    let mut workspace: Workspace<_> = Workspace::default();
+    workspace.search(&space.uniform(), &agv_plan::grid::Zero, 0, |_| false, &mut Limits::none());
+    assert!(workspace.cost(41).is_some());
+    for round in 0..70_000 {
+        let result = workspace.search(&space.uniform(), &agv_plan::grid::Zero, 0, |n| n == 0, &mut Limits::none());
+        assert_eq!(result.end, SearchEnd::Goal { node: 0, cost: 0 });
+        assert_eq!(workspace.cost(41), None, "{round}");
+    }
+}
