@@ -31,12 +31,13 @@ pub struct RayHit {
     pub range: f64,
 }
 
-/// The map with a border of one cell, one byte per cell.
+/// The map with a border of one cell, one byte per cell, and its transpose: rays along y read memory in order too.
 #[derive(Debug, Clone)]
 struct Raster {
     width: usize,
     height: usize,
     cells: Vec<u8>,
+    transposed: Vec<u8>,
 }
 
 /// The raster's border: the ray leaves the map.
@@ -68,13 +69,14 @@ const BORDER: u8 = 2;
 #[derive(Debug, Clone)]
 pub struct RayCaster {
     layout: GridLayout,
+    grid_yaw: f64,
     raster: Raster,
     wedges: Wedges,
 }
 
 impl RayCaster {
     /// Memory of the tables, in bytes per cell of the map.
-    pub const BYTES_PER_CELL: usize = 8 * skip::SECTORS + 1;
+    pub const BYTES_PER_CELL: usize = ((8 * skip::SECTORS) >> (2 * skip::BLOCK)) + 2;
 
     /// Prepares a map: O(cells).
     ///
@@ -97,9 +99,10 @@ impl RayCaster {
                 *cell = u8::from(state == CellState::Occupied || unknown);
             }
         }
-        let raster = Raster { width, height, cells };
+        let transposed = (0..width * height).map(|i| cells[(i % height) * width + i / height]).collect();
+        let raster = Raster { width, height, cells, transposed };
         let wedges = Wedges::new(&raster);
-        Ok(Self { layout, raster, wedges })
+        Ok(Self { layout, grid_yaw: layout.map_from_grid().yaw(), raster, wedges })
     }
 
     /// Size, resolution and pose of the map.
@@ -113,22 +116,21 @@ impl RayCaster {
     /// away. No ray is longer than 2^28 cells.
     #[inline]
     pub fn cast(&self, origin: &Vector2<f64>, angle: f64, max_range: f64) -> Option<RayHit> {
-        let ray = self.ray(&Se2::new(origin.x, origin.y, angle), max_range)?;
+        let ray = self.ray(origin, angle, max_range)?;
         self.run(&ray, Some(self.wedges.of(&ray)))
     }
 
     /// As [`cast`](Self::cast), cell by cell.
     #[inline]
     pub fn cast_exact(&self, origin: &Vector2<f64>, angle: f64, max_range: f64) -> Option<RayHit> {
-        let ray = self.ray(&Se2::new(origin.x, origin.y, angle), max_range)?;
+        let ray = self.ray(origin, angle, max_range)?;
         self.run(&ray, None)
     }
 
-    fn ray(&self, map_from_sensor: &Se2, max_range: f64) -> Option<Ray> {
-        let grid_from_sensor = self.layout.map_from_grid().between(map_from_sensor);
-        let scale = 1.0 / self.layout.resolution();
-        let direction = Vector2::new(grid_from_sensor.rotation().cos(), grid_from_sensor.rotation().sin());
-        Ray::new(grid_from_sensor.translation() * scale, direction, max_range * scale)
+    #[inline]
+    fn ray(&self, origin: &Vector2<f64>, angle: f64, max_range: f64) -> Option<Ray> {
+        let (sin, cos) = (angle - self.grid_yaw).sin_cos();
+        Ray::new(self.layout.to_grid(origin), Vector2::new(cos, sin), max_range / self.layout.resolution())
     }
 
     /// Ranges of a scan's beams, in metres: `ranges[i]` is that of the ray from `map_from_sensor` in the direction
@@ -157,11 +159,14 @@ impl RayCaster {
     }
 
     /// Follows a ray, skipping what the table says is free.
-    #[inline]
-    fn run(&self, ray: &Ray, table: Option<&[u8]>) -> Option<RayHit> {
-        let (across, along) = if ray.along_x { (self.raster.width as i64, 1) } else { (1, self.raster.width as i64) };
-        let stride = ray.step * along;
-        let cells = self.raster.cells.as_slice();
+    #[expect(clippy::inline_always, reason = "casting cell by cell must not carry the table's branches")]
+    #[inline(always)]
+    fn run(&self, ray: &Ray, table: Option<(&[u8], i64)>) -> Option<RayHit> {
+        let (cells, pitch) = if ray.along_x {
+            (self.raster.cells.as_slice(), self.raster.width as i64)
+        } else {
+            (self.raster.transposed.as_slice(), self.raster.height as i64)
+        };
         let (mut k, mut y) = (0, ray.start);
         let mut next = ray.first;
         if !self.holds(ray, 0, Ray::row(y)) {
@@ -174,24 +179,30 @@ impl RayCaster {
         }
         // The border keeps indices inside: a column's second cell is at most one row off its first, and a first cell
         // in the border ends the ray.
-        let mut base = (ray.column + k * ray.step + 1) * along + across;
+        let mut column = ray.column + k * ray.step + 1;
+        let mut recheck = k + 1;
         while k <= ray.columns {
             let (row, next_row) = (Ray::row(y), Ray::row(next));
-            let (a, b) = (cells[(base + row * across) as usize], cells[(base + next_row * across) as usize]);
+            let (a, b) =
+                (cells[(row * pitch + column + pitch) as usize], cells[(next_row * pitch + column + pitch) as usize]);
             if a | b != 0 {
                 let (state, row, second) = if a != 0 { (a, row, false) } else { (b, next_row, true) };
                 return if state == BORDER { None } else { self.hit(ray, k, row, second) };
             }
-            (k, base, y) = (k + 1, base + stride, next);
-            if let Some(table) = table {
+            (k, column, y) = (k + 1, column + ray.step, next);
+            if let Some((table, stride)) = table
+                && k >= recheck
+            {
                 // Free columns ahead: as many single steps at once.
                 loop {
-                    let free = i64::from(table[(base + Ray::row(y) * across) as usize]);
-                    (k, base, y) = (k + free, base + free * stride, y + free * ray.slope);
+                    let block = ((Ray::row(y) + 1) >> skip::BLOCK) * stride + (column >> skip::BLOCK);
+                    let free = i64::from(table[block as usize]);
+                    (k, column, y) = (k + free, column + free * ray.step, y + free * ray.slope);
                     if free == 0 || k > ray.columns {
                         break;
                     }
                 }
+                recheck = k + (1 << skip::BLOCK);
             }
             next = y + ray.slope;
         }
