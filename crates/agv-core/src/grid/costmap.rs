@@ -39,6 +39,11 @@ impl Costmap {
         Self { grid }
     }
 
+    /// For the layers that write costs.
+    pub(super) const fn grid_mut(&mut self) -> &mut Grid<u8> {
+        &mut self.grid
+    }
+
     /// Size, resolution and pose.
     pub const fn layout(&self) -> &GridLayout {
         self.grid.layout()

@@ -129,12 +129,13 @@ impl DistanceTransform {
     }
 
     /// `max_distance` in cells, rounded up.
-    fn reach(&self, layout: &GridLayout) -> i16 {
+    pub(super) fn reach(&self, layout: &GridLayout) -> i16 {
         let cells = self.params.max_distance.map_or(f64::INFINITY, |d| (d / layout.resolution()).ceil());
         cells.min(f64::from(NONE - 1)) as i16
     }
 
-    fn transform<T: Copy + Send + Sync>(
+    /// Writes `finish` of the squared distance of every cell; `nothing` where there is no obstacle within reach.
+    pub(super) fn transform<T: Copy + Send + Sync>(
         &mut self,
         map: &Grid<CellState>,
         field: &mut Grid<T>,

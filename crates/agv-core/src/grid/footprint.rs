@@ -1,0 +1,301 @@
+//! The vehicle's outline on the floor, and the cells that it touches.
+
+use super::GridLayout;
+use crate::{Error, check, geometry::Se2};
+use nalgebra::Vector2;
+
+/// The area that a vehicle covers, in its base frame: a circle around the origin, or a simple polygon.
+///
+/// ```
+/// use agv_core::grid::Footprint;
+///
+/// let fork_lift = Footprint::rectangle(-1.0, 0.5, 0.8)?;
+/// assert_eq!(fork_lift.inscribed_radius(), 0.4);
+/// assert!((fork_lift.circumscribed_radius() - 1.0_f64.hypot(0.4)).abs() < 1e-12);
+/// # Ok::<(), agv_core::Error>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "Shape", into = "Shape"))]
+pub struct Footprint {
+    shape: Shape,
+    convex: bool,
+    inscribed: f64,
+    circumscribed: f64,
+}
+
+/// As it is stored.
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
+enum Shape {
+    Circle(f64),
+    Polygon(Vec<Vector2<f64>>),
+}
+
+impl TryFrom<Shape> for Footprint {
+    type Error = Error;
+
+    fn try_from(shape: Shape) -> Result<Self, Error> {
+        match shape {
+            Shape::Circle(radius) => Self::circle(radius),
+            Shape::Polygon(vertices) => Self::polygon(vertices),
+        }
+    }
+}
+
+impl From<Footprint> for Shape {
+    fn from(footprint: Footprint) -> Self {
+        footprint.shape
+    }
+}
+
+fn cross(a: Vector2<f64>, b: Vector2<f64>) -> f64 {
+    a.x * b.y - a.y * b.x
+}
+
+/// Consecutive pairs of a closed polygon.
+pub(super) fn edges(vertices: &[Vector2<f64>]) -> impl Iterator<Item = (Vector2<f64>, Vector2<f64>)> + Clone + '_ {
+    vertices.iter().zip(vertices.iter().cycle().skip(1)).map(|(a, b)| (*a, *b))
+}
+
+fn distance_to_segment(point: Vector2<f64>, a: Vector2<f64>, b: Vector2<f64>) -> f64 {
+    let along = ((point - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
+    (a + (b - a) * along - point).norm()
+}
+
+/// Whether two segments have a point in common.
+fn segments_meet(a: Vector2<f64>, b: Vector2<f64>, c: Vector2<f64>, d: Vector2<f64>) -> bool {
+    let side = |p: Vector2<f64>, q: Vector2<f64>, r: Vector2<f64>| cross(q - p, r - p);
+    let within = |p: Vector2<f64>, q: Vector2<f64>, r: Vector2<f64>| (r - p).dot(&(r - q)) <= 0.0;
+    let (s, t, u, v) = (side(a, b, c), side(a, b, d), side(c, d, a), side(c, d, b));
+    (s * t < 0.0 && u * v < 0.0)
+        || (s == 0.0 && within(a, b, c))
+        || (t == 0.0 && within(a, b, d))
+        || (u == 0.0 && within(c, d, a))
+        || (v == 0.0 && within(c, d, b))
+}
+
+impl Footprint {
+    /// Most vertices of a polygon.
+    pub const MAX_VERTICES: usize = 256;
+
+    /// A circle of `radius` metres around the origin of the base frame.
+    ///
+    /// # Errors
+    /// A radius that is not finite and positive.
+    pub fn circle(radius: f64) -> Result<Self, Error> {
+        check::positive("radius", radius)?;
+        Ok(Self { shape: Shape::Circle(radius), convex: true, inscribed: radius, circumscribed: radius })
+    }
+
+    /// A rectangle from `rear` to `front` along x and of `width`, in metres; `rear` is negative behind the origin.
+    ///
+    /// # Errors
+    /// A front that is not before the rear, a width that is not positive, or a number that is not finite.
+    pub fn rectangle(rear: f64, front: f64, width: f64) -> Result<Self, Error> {
+        check::all_finite("rear and front", &[rear, front])?;
+        check::positive("length", front - rear)?;
+        let half = 0.5 * check::positive("width", width)?;
+        Self::polygon(
+            [(rear, -half), (front, -half), (front, half), (rear, half)].map(|(x, y)| Vector2::new(x, y)).into(),
+        )
+    }
+
+    /// A simple polygon, convex or not, by its vertices in metres; kept counter-clockwise, however it is given.
+    ///
+    /// # Errors
+    /// Fewer than three vertices or too many, one that is not finite, one that its neighbour repeats, an area that is
+    /// not positive, or edges that meet where they are no neighbours.
+    pub fn polygon(mut vertices: Vec<Vector2<f64>>) -> Result<Self, Error> {
+        let len = check::at_least("vertices", vertices.len(), 3)?;
+        if len > Self::MAX_VERTICES {
+            return Err(Error::TooMany { name: "vertices", len, max: Self::MAX_VERTICES });
+        }
+        check::all_finite("vertices", vertices.iter().flatten())?;
+        for (a, b) in edges(&vertices) {
+            check::positive("length of an edge", (b - a).norm())?;
+        }
+        let area = 0.5 * edges(&vertices).map(|(a, b)| cross(a, b)).sum::<f64>();
+        check::positive("area", area.abs())?;
+        if area < 0.0 {
+            vertices.reverse();
+        }
+        for (i, (a, b)) in edges(&vertices).enumerate() {
+            for (j, (c, d)) in edges(&vertices).enumerate().skip(i + 1) {
+                let neighbours = j == i + 1 || (i == 0 && j == len - 1);
+                if !neighbours && segments_meet(a, b, c, d) {
+                    return Err(Error::OutOfRange { name: "edges that meet", value: j as f64, min: 0.0, max: 0.0 });
+                }
+            }
+        }
+        let turns = edges(&vertices).zip(edges(&vertices).cycle().skip(1));
+        let convex = turns.map(|((a, b), (_, c))| cross(b - a, c - b)).all(|turn| turn >= 0.0);
+        let circumscribed = vertices.iter().map(Vector2::norm).fold(0.0, f64::max);
+        let to_edge = edges(&vertices).map(|(a, b)| distance_to_segment(Vector2::zeros(), a, b));
+        let nearest = to_edge.fold(f64::INFINITY, f64::min);
+        let inscribed = if holds(&vertices, Vector2::zeros()) { nearest } else { 0.0 };
+        Ok(Self { shape: Shape::Polygon(vertices), convex, inscribed, circumscribed })
+    }
+
+    /// Radius of the greatest circle around the base frame's origin that lies inside, in metres; zero if the origin
+    /// lies outside.
+    pub const fn inscribed_radius(&self) -> f64 {
+        self.inscribed
+    }
+
+    /// Radius of the least circle around the base frame's origin that holds the footprint, in metres.
+    pub const fn circumscribed_radius(&self) -> f64 {
+        self.circumscribed
+    }
+
+    /// The polygon's vertices in the base frame, counter-clockwise; none for a circle.
+    pub fn vertices(&self) -> Option<&[Vector2<f64>]> {
+        match &self.shape {
+            Shape::Circle(_) => None,
+            Shape::Polygon(vertices) => Some(vertices),
+        }
+    }
+
+    /// Whether the footprint holds a point of the base frame; its outline belongs to it, up to rounding.
+    pub fn contains(&self, point: &Vector2<f64>) -> bool {
+        match &self.shape {
+            Shape::Circle(radius) => point.norm() <= *radius,
+            Shape::Polygon(vertices) => holds(vertices, *point),
+        }
+    }
+
+    /// Calls `hit(row, first, last)` for runs of cells that the footprint, grown by `margin` cells, touches, until
+    /// it says true; says whether it did. Runs may overlap, and lie outside the grid.
+    ///
+    /// Every cell with a point of the grown footprint is visited; the margin reaches as far along the diagonals as a
+    /// square of that half width. `vertices` is scratch.
+    pub(super) fn any_run(
+        &self,
+        layout: &GridLayout,
+        map_from_base: &Se2,
+        margin: f64,
+        vertices: &mut Vec<Vector2<f64>>,
+        mut hit: impl FnMut(i32, i32, i32) -> bool,
+    ) -> bool {
+        // A hair against rounding: a point on a line between cells touches both.
+        let margin = margin + 1e-9;
+        vertices.clear();
+        match &self.shape {
+            Shape::Circle(radius) => {
+                let (center, r) = (layout.to_grid(&map_from_base.translation()), radius / layout.resolution());
+                let rows = (center.y - r - margin).floor() as i32..=(center.y + r + margin).floor() as i32;
+                rows.into_iter().any(|row| {
+                    // Widest chord of the strip that belongs to the row.
+                    let (low, high) = (f64::from(row) - margin - center.y, f64::from(row) + 1.0 + margin - center.y);
+                    let dy = if low > 0.0 { low } else { (-high).max(0.0) };
+                    let half = (r * r - dy * dy).max(0.0).sqrt() + margin;
+                    hit(row, (center.x - half).floor() as i32, (center.x + half).floor() as i32)
+                })
+            }
+            Shape::Polygon(own) => {
+                vertices.extend(own.iter().map(|v| layout.to_grid(&(*map_from_base * *v))));
+                let (low, high) =
+                    vertices.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v.y), h.max(v.y)));
+                let rows = (low - margin).floor() as i32..=(high + margin).floor() as i32;
+                if self.convex {
+                    rows.into_iter().any(|row| {
+                        let strip = (f64::from(row) - margin, f64::from(row) + 1.0 + margin);
+                        let spans = edges(vertices).filter_map(|(a, b)| clip(a, b, strip));
+                        let (first, last) =
+                            spans.fold((f64::INFINITY, f64::NEG_INFINITY), |(f, l), (a, b)| (f.min(a), l.max(b)));
+                        first <= last && hit(row, (first - margin).floor() as i32, (last + margin).floor() as i32)
+                    })
+                } else {
+                    rows.into_iter().any(|row| {
+                        let strip = (f64::from(row) - margin, f64::from(row) + 1.0 + margin);
+                        let mut spans = edges(vertices).filter_map(|(a, b)| clip(a, b, strip));
+                        spans.any(|(first, last)| {
+                            hit(row, (first - margin).floor() as i32, (last + margin).floor() as i32)
+                        }) || interior(vertices, f64::from(row) + 0.5, |first, last| {
+                            hit(row, first.floor() as i32, last.floor() as i32)
+                        })
+                    })
+                }
+            }
+        }
+    }
+}
+
+/// Extent along x of the part of an edge in a strip of y; none if it has none.
+#[inline]
+fn clip(a: Vector2<f64>, b: Vector2<f64>, (low, high): (f64, f64)) -> Option<(f64, f64)> {
+    let (below, above) = if a.y <= b.y { (a, b) } else { (b, a) };
+    if above.y < low || below.y > high {
+        return None;
+    }
+    let slope = if above.y > below.y { (above.x - below.x) / (above.y - below.y) } else { 0.0 };
+    let x_at = |y: f64| below.x + (y - below.y) * slope;
+    let from = if below.y < low { x_at(low) } else { below.x };
+    let to = if above.y > high { x_at(high) } else { above.x };
+    Some((from.min(to), from.max(to)))
+}
+
+/// Where edges cross a level; an edge owns its lower end.
+fn crossings(vertices: &[Vector2<f64>], level: f64) -> impl Iterator<Item = f64> + '_ {
+    edges(vertices)
+        .filter(move |(a, b)| (a.y <= level) != (b.y <= level))
+        .map(move |(a, b)| a.x + (level - a.y) * (b.x - a.x) / (b.y - a.y))
+}
+
+/// Calls `hit(first, last)` for the intervals of a level inside the polygon, until it says true (even-odd rule).
+fn interior(vertices: &[Vector2<f64>], level: f64, mut hit: impl FnMut(f64, f64) -> bool) -> bool {
+    // The next crossing is searched for each time: there are few, and no list needs to be kept.
+    let (mut from, mut inside) = (f64::NEG_INFINITY, false);
+    loop {
+        let next = crossings(vertices, level).filter(|&x| x > from).fold(f64::INFINITY, f64::min);
+        if next == f64::INFINITY {
+            return false;
+        }
+        if inside && hit(from, next) {
+            return true;
+        }
+        inside ^= crossings(vertices, level).filter(|&x| x == next).count() % 2 == 1;
+        from = next;
+    }
+}
+
+fn holds(vertices: &[Vector2<f64>], point: Vector2<f64>) -> bool {
+    crossings(vertices, point.y).filter(|&x| x >= point.x).count() % 2 == 1
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn polygon(points: &[(f64, f64)]) -> Result<Footprint, Error> {
+        Footprint::polygon(points.iter().map(|&(x, y)| Vector2::new(x, y)).collect())
+    }
+
+    #[test]
+    fn radii_are_those_of_the_shape() {
+        let square = polygon(&[(1.0, 1.0), (1.0, -1.0), (-1.0, -1.0), (-1.0, 1.0)]).unwrap();
+        assert!((square.inscribed_radius() - 1.0).abs() < 1e-12);
+        assert!((square.circumscribed_radius() - 2.0_f64.sqrt()).abs() < 1e-12);
+        let ahead = polygon(&[(1.0, -1.0), (2.0, -1.0), (2.0, 1.0)]).unwrap();
+        assert_eq!(ahead.inscribed_radius(), 0.0, "the origin lies outside");
+        let first = square.vertices().unwrap();
+        assert!(edges(first).map(|(a, b)| cross(a, b)).sum::<f64>() > 0.0, "kept counter-clockwise");
+    }
+
+    #[test]
+    fn bad_shapes_are_named() {
+        for (name, result) in [
+            ("radius", Footprint::circle(0.0)),
+            ("radius", Footprint::circle(f64::NAN)),
+            ("length", Footprint::rectangle(1.0, 1.0, 1.0)),
+            ("width", Footprint::rectangle(0.0, 1.0, -1.0)),
+            ("vertices", polygon(&[(0.0, 0.0), (1.0, 0.0)])),
+            ("vertices", polygon(&[(0.0, 0.0), (1.0, 0.0), (f64::NAN, 1.0)])),
+            ("length of an edge", polygon(&[(0.0, 0.0), (1.0, 0.0), (1.0, 0.0), (0.0, 1.0)])),
+            ("area", polygon(&[(0.0, 0.0), (1.0, 0.0), (2.0, 0.0)])),
+            ("edges that meet", polygon(&[(0.0, 0.0), (2.0, 2.0), (2.0, 0.0), (0.0, 1.0)])),
+        ] {
+            assert!(result.unwrap_err().to_string().starts_with(name), "{name}");
+        }
+        assert!(matches!(Footprint::polygon(vec![Vector2::zeros(); 300]), Err(Error::TooMany { .. })));
+    }
+}
