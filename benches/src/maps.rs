@@ -52,7 +52,8 @@ pub fn office(width: usize, height: usize) -> Grid<CellState> {
         let (in_x, in_y) = (x % ROOM_X, y % ROOM_Y);
         let border = x == 0 || y == 0 || x + 1 == width || y + 1 == height;
         let wall = (in_x < 3 && !DOOR.contains(&in_y)) || (in_y < 3 && !DOOR.contains(&in_x));
-        let pillar = (x / ROOM_X + y / ROOM_Y) % 2 == 0 && (70..76).contains(&in_x) && (70..76).contains(&in_y);
+        let pillar =
+            (x / ROOM_X + y / ROOM_Y).is_multiple_of(2) && (70..76).contains(&in_x) && (70..76).contains(&in_y);
         let legs = (x / ROOM_X + y / ROOM_Y) % 2 == 1 && (30..=70).contains(&in_x) && (70..=85).contains(&in_y);
         let leg = legs && (in_x - 30) % 20 < 2 && (in_y - 70) % 15 < 2;
         if border || wall || pillar || leg {

@@ -53,7 +53,7 @@ fn cross(a: Vector2<f64>, b: Vector2<f64>) -> f64 {
 }
 
 /// Consecutive pairs of a closed polygon.
-pub(super) fn edges(vertices: &[Vector2<f64>]) -> impl Iterator<Item = (Vector2<f64>, Vector2<f64>)> + '_ {
+pub(super) fn edges(vertices: &[Vector2<f64>]) -> impl Iterator<Item = (Vector2<f64>, Vector2<f64>)> + Clone + '_ {
     vertices.iter().zip(vertices.iter().cycle().skip(1)).map(|(a, b)| (*a, *b))
 }
 
