@@ -7,7 +7,7 @@ use super::{
 use agv_core::{
     Error, check,
     geometry::{Twist2, angle_difference},
-    kinematics::TwistLimits,
+    kinematics::{TwistLimits, stopping_speed},
     path::{Gear, Path},
     roles::{PathTracker, TrackCommand, TrackError, TrackStatus, VehicleState},
 };
@@ -106,7 +106,7 @@ impl<S: Steering> Follower<S> {
     fn planned_speed(&self, to_stop: f64, limits: &TwistLimits, dt: f64) -> f64 {
         let top = if self.course.gear() == Gear::Forward { limits.forward_speed } else { limits.reverse_speed };
         speed::speed_for_bends(self.course.bends_ahead(), limits, self.params.lateral_acceleration, top)
-            .min(speed::stopping_speed(to_stop, limits.deceleration, dt))
+            .min(stopping_speed(to_stop, limits.deceleration, dt))
     }
 }
 
@@ -144,7 +144,7 @@ impl<S: Steering> PathTracker for Follower<S> {
             remaining,
         };
         if at_stop || off_path {
-            let twist = brake(&twist, limits, dt);
+            let twist = limits.step(&twist, &Twist2::ZERO, dt)?;
             let rests = twist == Twist2::ZERO;
             if at_stop && rests {
                 if self.course.next_section() {
@@ -172,7 +172,7 @@ impl<S: Steering> PathTracker for Follower<S> {
         let turning = self.params.turn_in_place < PI && heading_error.abs() > threshold;
         let (wanted_speed, wanted_rate) = if turning {
             // On the spot, braking in time to face the path.
-            let rate = speed::stopping_speed(heading_error.abs(), limits.yaw_acceleration, dt).min(limits.yaw_rate);
+            let rate = stopping_speed(heading_error.abs(), limits.yaw_acceleration, dt).min(limits.yaw_rate);
             (0.0, -rate.copysign(heading_error))
         } else {
             let rate = self.steering.yaw_rate(&input)?;
@@ -180,19 +180,7 @@ impl<S: Steering> PathTracker for Follower<S> {
             (planned * (limits.yaw_rate / rate.abs()).min(1.0), rate.clamp(-limits.yaw_rate, limits.yaw_rate))
         };
         self.turning = turning;
-        let vx = speed::reachable_speed(twist.vx, sign * wanted_speed, limits, dt);
-        let change = limits.yaw_acceleration * dt;
-        let yaw_rate = wanted_rate.clamp(twist.yaw_rate - change, twist.yaw_rate + change);
-        Ok(done(Twist2::new(vx, 0.0, yaw_rate), TrackStatus::Tracking))
+        let wanted = Twist2::new(sign * wanted_speed, 0.0, wanted_rate);
+        Ok(done(limits.step(&twist, &wanted, dt)?, TrackStatus::Tracking))
     }
-}
-
-/// The twist after one cycle of braking as hard as the limits allow.
-fn brake(twist: &Twist2, limits: &TwistLimits, dt: f64) -> Twist2 {
-    let towards_zero = |value: f64, change: f64| value - value.clamp(-change, change);
-    Twist2::new(
-        towards_zero(twist.vx, limits.deceleration * dt),
-        towards_zero(twist.vy, limits.deceleration * dt),
-        towards_zero(twist.yaw_rate, limits.yaw_acceleration * dt),
-    )
 }

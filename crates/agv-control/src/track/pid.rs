@@ -10,14 +10,12 @@
 //! Acting on the heading, the outer loop is the integrator `y' = v sin(approach)` whatever the vehicle does, so its
 //! gains hold for every vehicle; they are per metre, so that the way back has the same shape at every speed.
 
-use super::{
-    follower::{Follower, FollowerParams, Steering, SteeringInput},
-    speed::stopping_speed,
-};
+use super::follower::{Follower, FollowerParams, Steering, SteeringInput};
 use crate::pid::{Pid, PidParams};
 use agv_core::{
     Error, check,
     geometry::angle_difference,
+    kinematics::stopping_speed,
     roles::{ControlError, Controller, TrackError},
 };
 

@@ -3,13 +3,6 @@
 use super::course::Bend;
 use agv_core::kinematics::TwistLimits;
 
-/// Speed from which a stop after `distance` metres is possible when `dt` seconds pass at it first: the root of
-/// `v dt + v² / (2 a) = distance`.
-pub(super) fn stopping_speed(distance: f64, deceleration: f64, dt: f64) -> f64 {
-    let distance = distance.max(0.0);
-    deceleration * ((dt * dt + 2.0 * distance / deceleration).sqrt() - dt)
-}
-
 /// Speed allowed in a bend by the turn rate, by the lateral acceleration, and, where the bend begins or ends, by the
 /// yaw acceleration `v² dκ/ds`.
 pub(super) fn bend_speed(bend: &Bend, limits: &TwistLimits, lateral_acceleration: f64) -> f64 {
@@ -35,38 +28,27 @@ pub(super) fn speed_for_bends(
     })
 }
 
-/// The value nearest to `wanted` that can be reached from `now` in `dt` seconds, told apart by whether the magnitude
-/// grows or shrinks. Across zero the vehicle stops first.
-pub(super) fn reachable_speed(now: f64, wanted: f64, limits: &TwistLimits, dt: f64) -> f64 {
-    if now * wanted < 0.0 || wanted.abs() < now.abs() {
-        let target = if now * wanted < 0.0 { 0.0 } else { wanted.abs() };
-        (now.abs() - limits.deceleration * dt).max(target).copysign(now)
-    } else {
-        let direction = if wanted == 0.0 { now } else { wanted };
-        (now.abs() + limits.acceleration * dt).min(wanted.abs()).copysign(direction)
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use agv_core::geometry::Twist2;
-    use proptest::prelude::*;
 
-    proptest! {
-        #[test]
-        fn the_stopping_speed_stops_at_the_distance(distance in 0.0..20.0_f64, a in 0.1..3.0_f64, dt in 0.001..0.2_f64) {
-            let v = stopping_speed(distance, a, dt);
-            prop_assert!((v * dt + v * v / (2.0 * a) - distance).abs() < 1e-9);
-        }
+    /// Braking from the allowed speed over the distance to a bend ends at the bend's own speed.
+    #[test]
+    fn a_bend_is_entered_at_its_own_speed() {
+        let limits = TwistLimits { yaw_rate: 0.5, yaw_acceleration: 100.0, ..TwistLimits::default() };
+        let bend = Bend { curvature: 2.0, change: 0.0 };
+        let speed = speed_for_bends([(0.3, bend)].into_iter(), &limits, 10.0, 1.0);
+        let at_bend = (speed * speed - 2.0 * limits.deceleration * 0.3).sqrt();
+        assert!((at_bend * bend.curvature - limits.yaw_rate).abs() < 1e-12);
+        assert_eq!(speed_for_bends([(1.1, bend)].into_iter(), &limits, 10.0, 1.0), 1.0);
+    }
 
-        #[test]
-        fn reachable_speeds_keep_to_the_limits(now in -0.3..1.0_f64, wanted in -0.3..1.0_f64, dt in 0.001..0.5_f64) {
-            let limits = TwistLimits { acceleration: 0.4, deceleration: 0.9, ..TwistLimits::default() };
-            let next = reachable_speed(now, wanted, &limits, dt);
-            let step = |v| Twist2::new(v, 0.0, 0.0);
-            prop_assert!(limits.allows_step(&step(now), &step(next), dt), "{} -> {}", now, next);
-            prop_assert!((next - wanted).abs() <= (now - wanted).abs() + 1e-12);
-        }
+    #[test]
+    fn each_limit_of_the_vehicle_slows_it() {
+        let limits = TwistLimits { yaw_rate: 1.0, yaw_acceleration: 0.5, ..TwistLimits::default() };
+        assert_eq!(bend_speed(&Bend { curvature: 0.0, change: 0.0 }, &limits, 0.5), f64::INFINITY);
+        assert_eq!(bend_speed(&Bend { curvature: 4.0, change: 0.0 }, &limits, 100.0), 0.25);
+        assert_eq!(bend_speed(&Bend { curvature: 0.5, change: 0.0 }, &limits, 0.125), 0.5);
+        assert_eq!(bend_speed(&Bend { curvature: 0.1, change: 8.0 }, &limits, 100.0), 0.25);
     }
 }

@@ -166,11 +166,20 @@ impl TwistLimits {
     pub fn stopping_speed(&self, distance: f64, reaction_time: f64) -> Result<f64, Error> {
         check::non_negative("distance", distance)?;
         check::non_negative("reaction_time", reaction_time)?;
-        // v² / (2 d) + v t = s, written so that nothing cancels for small s.
-        let lag = self.deceleration * reaction_time;
-        let root = (lag * lag + 2.0 * self.deceleration * distance).sqrt();
-        Ok(if distance == 0.0 { 0.0 } else { 2.0 * self.deceleration * distance / (root + lag) })
+        Ok(stopping_speed(distance, self.deceleration, reaction_time))
     }
+}
+
+/// Greatest rate from which a stop within `distance` is possible at `deceleration` when `reaction_time` seconds pass at
+/// it first: the root of `v²/(2 d) + v t = s`. Serves metres and radians alike; zero if there is no room.
+#[inline]
+pub fn stopping_speed(distance: f64, deceleration: f64, reaction_time: f64) -> f64 {
+    if distance <= 0.0 {
+        return 0.0;
+    }
+    // Written so that nothing cancels for small distances.
+    let lag = deceleration * reaction_time;
+    2.0 * deceleration * distance / ((lag * lag + 2.0 * deceleration * distance).sqrt() + lag)
 }
 
 /// One component of a step: where it should go, and where it can.

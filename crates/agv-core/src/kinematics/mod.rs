@@ -28,7 +28,7 @@ pub use axle::{AckermannAxle, AxleAngles};
 pub use differential::{DifferentialDrive, DifferentialParams, DifferentialWheels};
 pub use double_ackermann::{DoubleAckermann, DoubleAckermannParams, DoubleAckermannWheels};
 pub use euler::euler_step;
-pub use limits::TwistLimits;
+pub use limits::{TwistLimits, stopping_speed};
 pub use omnidirectional::{Mecanum, MecanumParams, MecanumWheels};
 pub use steering::SteeringLimits;
 pub use tricycle::{Tricycle, TricycleParams, TricycleWheels};
