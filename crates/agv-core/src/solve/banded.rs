@@ -198,7 +198,9 @@ fn eliminate(columns: &mut [f64], dimension: usize, stride: usize, copy: &mut Ve
         copy.clear();
         copy.extend_from_slice(column);
         let inverse = reciprocal(row, column[0])?;
-        column.iter_mut().for_each(|v| *v *= inverse);
+        for v in column.iter_mut() {
+            *v *= inverse;
+        }
         column[0] = inverse;
         for (k, target) in (1..stride).zip(below.chunks_exact_mut(stride)) {
             let lower = column[k];
