@@ -239,6 +239,16 @@ mod tests {
         assert!((base.inverse().inverse().covariance() - covariance).norm() < 1e-12);
     }
 
+    #[cfg(feature = "serde")]
+    #[test]
+    fn storage_keeps_every_bit_and_is_checked() {
+        let text = serde_json::to_string(&vehicle()).unwrap();
+        assert_eq!(serde_json::from_str::<UncertainPose<Se2>>(&text).unwrap(), vehicle());
+        let negative = text.replace("[4e-6", "[-4e-6");
+        assert_ne!(negative, text);
+        assert!(serde_json::from_str::<UncertainPose<Se2>>(&negative).is_err());
+    }
+
     #[test]
     fn bad_input_is_named() {
         let unit = Matrix3::identity();

@@ -18,7 +18,8 @@ pub struct PosePair<G> {
 }
 
 /// Pairs poses whose stamps differ by at most `tolerance` seconds, the closest first, each pose once at most; in the
-/// order of the estimate. O(n log n).
+/// order of the estimate. Of the reference's poses only the four nearest on either side of a stamp are candidates.
+/// O(n log n).
 ///
 /// # Errors
 /// [`Error::Negative`] for the tolerance; [`Error::NotFinite`] for a pose.

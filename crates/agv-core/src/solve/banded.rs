@@ -92,9 +92,14 @@ impl BandedMatrix {
 /// The factor of a [`BandedMatrix`], which solves systems with it. Keeps its memory from one factor to the next.
 #[derive(Debug, Clone, Default)]
 pub struct BandedCholesky {
-    /// The unit triangle `L` with `1/D` in place of its diagonal, laid out as the matrix.
-    factor: BandedMatrix,
-    /// Column that is being eliminated, before it is divided by its pivot.
+    dimension: usize,
+    half_bandwidth: usize,
+    /// Length of a column in memory: the band, filled up with zeros to a width that has its own unrolled loops.
+    stride: usize,
+    /// The unit triangle `L`, with `1/D` in place of its diagonal, column by column; behind it as many zero columns as
+    /// an elimination step reaches, so that it need not look where the matrix ends.
+    columns: Vec<f64>,
+    /// Copy of the column that is being eliminated, before it is divided by its pivot.
     pivot_column: Vec<f64>,
     ready: bool,
 }
@@ -119,35 +124,31 @@ impl BandedCholesky {
     /// # Errors
     /// As [`factor`](Self::factor).
     pub fn factor_damped(&mut self, matrix: &BandedMatrix, damping: f64) -> Result<(), Error> {
-        let (dimension, band) = (matrix.dimension, matrix.half_bandwidth);
         self.ready = false;
-        (self.factor.dimension, self.factor.half_bandwidth) = (dimension, band);
-        self.factor.columns.clear();
-        self.factor.columns.extend_from_slice(&matrix.columns);
-        self.pivot_column.clear();
-        self.pivot_column.resize(band, 0.0);
-
-        let mut rest = self.factor.columns.as_mut_slice();
-        for row in 0..dimension {
-            let (column, below) = rest.split_at_mut(band + 1);
-            let Some((diagonal, column)) = column.split_first_mut() else { break };
-            let pivot = *diagonal + damping;
-            // What elimination leaves of a singular matrix is rounding of the size of its diagonal.
-            let size = matrix.columns[row * (band + 1)].abs() + damping;
-            if !(pivot > 4.0 * f64::EPSILON * size && pivot < f64::INFINITY) {
+        (self.dimension, self.half_bandwidth) = (matrix.dimension, matrix.half_bandwidth);
+        let width = self.half_bandwidth + 1;
+        self.stride = if width <= 16 { width.next_multiple_of(4) } else { width };
+        self.columns.clear();
+        self.columns.resize((self.dimension + self.stride) * self.stride, 0.0);
+        for (to, from) in self.columns.chunks_exact_mut(self.stride).zip(matrix.columns.chunks_exact(width)) {
+            to[..width].copy_from_slice(from);
+            to[0] += damping;
+        }
+        match self.stride {
+            4 => eliminate_unrolled::<4>(&mut self.columns, self.dimension),
+            8 => eliminate_unrolled::<8>(&mut self.columns, self.dimension),
+            12 => eliminate_unrolled::<12>(&mut self.columns, self.dimension),
+            16 => eliminate_unrolled::<16>(&mut self.columns, self.dimension),
+            _ => eliminate(&mut self.columns, self.dimension, self.stride, &mut self.pivot_column),
+        }
+        .map_err(|(row, pivot)| Error::Singular { name: "banded matrix", row, pivot })?;
+        // What elimination leaves of a singular matrix is rounding of the size of its diagonal.
+        for (row, (l, a)) in self.columns.chunks_exact(self.stride).zip(matrix.columns.chunks_exact(width)).enumerate()
+        {
+            let (pivot, size) = (1.0 / l[0], a[0].abs() + damping);
+            if pivot <= 4.0 * f64::EPSILON * size {
                 return Err(Error::Singular { name: "banded matrix", row, pivot });
             }
-            let inverse = 1.0 / pivot;
-            *diagonal = inverse;
-            self.pivot_column.copy_from_slice(column);
-            column.iter_mut().for_each(|v| *v *= inverse);
-            // The trailing columns lose the outer product of this one with itself.
-            for ((k, target), &lower) in below.chunks_exact_mut(band + 1).enumerate().zip(column.iter()) {
-                for (t, p) in target.iter_mut().zip(&self.pivot_column[k..]) {
-                    *t -= lower * p;
-                }
-            }
-            rest = below;
         }
         self.ready = true;
         Ok(())
@@ -161,22 +162,74 @@ impl BandedCholesky {
         if !self.ready {
             return Err(Error::Empty { name: "banded factor" });
         }
-        check::length("right-hand side", b.len(), self.factor.dimension)?;
-        let width = self.factor.half_bandwidth + 1;
+        check::length("right-hand side", b.len(), self.dimension)?;
+        let columns = || self.columns.chunks_exact(self.stride).take(self.dimension);
         // L y = b, column by column.
         let mut rest = &mut *b;
-        for column in self.factor.columns.chunks_exact(width) {
+        for column in columns() {
             let Some((&mut value, below)) = rest.split_first_mut() else { break };
-            below.iter_mut().zip(&column[1..]).for_each(|(b, l)| *b -= l * value);
+            for (b, l) in below.iter_mut().zip(&column[1..]) {
+                *b -= l * value;
+            }
             rest = below;
         }
-        // D Lᵀ x = y, from the last row upwards.
-        for (row, column) in self.factor.columns.chunks_exact(width).enumerate().rev() {
-            let sum: f64 = column[1..].iter().zip(&b[row + 1..]).map(|(l, x)| l * x).sum();
+        // D Lᵀ x = y, from the last row upwards. Each sum ends with the unknown that was found last, so that the
+        // processor need not wait for it at the start.
+        for (row, column) in columns().enumerate().rev() {
+            let known = b.len().min(row + self.half_bandwidth + 1);
+            let sum = (row + 1..known).rev().fold(0.0, |sum, i| sum + column[i - row] * b[i]);
             b[row] = b[row] * column[0] - sum;
         }
         Ok(())
     }
+}
+
+/// `1 / pivot`, or the row and the pivot of a matrix that is not positive definite.
+#[inline]
+fn reciprocal(row: usize, pivot: f64) -> Result<f64, (usize, f64)> {
+    if pivot > 0.0 && pivot < f64::INFINITY { Ok(1.0 / pivot) } else { Err((row, pivot)) }
+}
+
+/// `L D Lᵀ` in place; each column in turn is divided by its pivot, and those behind it lose the outer product.
+fn eliminate(columns: &mut [f64], dimension: usize, stride: usize, copy: &mut Vec<f64>) -> Result<(), (usize, f64)> {
+    let mut rest = columns;
+    for row in 0..dimension {
+        let (column, below) = rest.split_at_mut(stride);
+        copy.clear();
+        copy.extend_from_slice(column);
+        let inverse = reciprocal(row, column[0])?;
+        for v in column.iter_mut() {
+            *v *= inverse;
+        }
+        column[0] = inverse;
+        for (k, target) in (1..stride).zip(below.chunks_exact_mut(stride)) {
+            let lower = column[k];
+            target.iter_mut().zip(&copy[k..]).for_each(|(t, c)| *t -= lower * c);
+        }
+        rest = below;
+    }
+    Ok(())
+}
+
+/// [`eliminate`] for a width known to the compiler, with the same operations in the same order.
+fn eliminate_unrolled<const W: usize>(columns: &mut [f64], dimension: usize) -> Result<(), (usize, f64)> {
+    let (mut rest, _) = columns.as_chunks_mut::<W>();
+    for row in 0..dimension {
+        let Some((column, below)) = rest.split_first_mut() else { break };
+        let copy = *column;
+        let inverse = reciprocal(row, copy[0])?;
+        let scaled = copy.map(|v| v * inverse);
+        *column = scaled;
+        column[0] = inverse;
+        let targets = &mut below[..W - 1]; // the zero columns at the end make it fit
+        for k in 1..W {
+            for i in 0..W - k {
+                targets[k - 1][i] -= scaled[k] * copy[k + i];
+            }
+        }
+        rest = below;
+    }
+    Ok(())
 }
 
 #[cfg(test)]
@@ -190,11 +243,11 @@ mod tests {
         #[test]
         fn dense_cholesky_agrees(
             n in 1..30_usize,
-            band in 0..7_usize,
-            entries in prop::collection::vec(-1.0..1.0_f64, 30 * 7),
+            band in 0..20_usize,
+            entries in prop::collection::vec(-1.0..1.0_f64, 30 * 20),
             rhs in prop::collection::vec(-1.0..1.0_f64, 30),
         ) {
-            let root = DMatrix::from_fn(n, n, |i, j| if i >= j && i - j <= band { entries[i * 7 + (i - j)] } else { 0.0 });
+            let root = DMatrix::from_fn(n, n, |i, j| if i >= j && i - j <= band { entries[i * 20 + (i - j)] } else { 0.0 });
             let dense = &root * root.transpose() + DMatrix::identity(n, n) * 0.1;
             let mut matrix = BandedMatrix::new(n, band);
             for i in 0..n {
