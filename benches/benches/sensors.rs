@@ -19,7 +19,7 @@ fn hall(lines: u16, directions: u32) -> PointCloud {
     for direction in 0..directions {
         let azimuth = f64::from(direction) / f64::from(directions) * TAU;
         // Racks: every fourth sector is nearer.
-        let near = if (azimuth * 8.0) as u32 % 4 == 0 { 0.4 } else { 1.0 };
+        let near = if ((azimuth * 8.0) as u32).is_multiple_of(4) { 0.4 } else { 1.0 };
         for ring in 0..lines {
             let elevation = (-15.0 + 30.0 * f64::from(ring) / f64::from(lines - 1)).to_radians();
             let ray = Vector3::new(elevation.cos() * azimuth.cos(), elevation.cos() * azimuth.sin(), elevation.sin());
