@@ -17,7 +17,7 @@ use std::{collections::BTreeMap, f64::consts::TAU, hint::black_box};
 fn hall(lines: u16, directions: u32) -> PointCloud {
     let (mut points, mut rings, mut times) = (Vec::new(), Vec::new(), Vec::new());
     for direction in 0..directions {
-        let azimuth = f64::from(direction) / f64::from(directions) * TAU;
+        let azimuth = (f64::from(direction) + 0.5) / f64::from(directions) * TAU;
         // Racks: every fourth sector is nearer.
         let near = if ((azimuth * 8.0) as u32).is_multiple_of(4) { 0.4 } else { 1.0 };
         for ring in 0..lines {

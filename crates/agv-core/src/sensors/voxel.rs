@@ -33,6 +33,8 @@ pub struct VoxelGrid {
     sums: Vec<Sum>,
 }
 
+/// Key and place side by side: one cache miss a look-up. (Measured: a table of places alone, with the keys apart, took
+/// half as long again at 0.1 m.)
 #[derive(Debug, Clone, Copy)]
 struct Slot {
     key: u64,
