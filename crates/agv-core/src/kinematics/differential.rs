@@ -5,7 +5,7 @@
 //! ```
 //!
 //! Paper 000, Eq. 2 prints the product of the wheel speeds in the turn rate: a lost minus sign. The radii are kept
-//! apart because calibration finds them apart (see `odometry`).
+//! apart because calibration finds them apart (see [`crate::odometry::UmbMark`]).
 
 use super::{Kinematics, finite_twist};
 use crate::{Error, check, geometry::Twist2};

@@ -69,7 +69,7 @@ impl TwistLimits {
     /// (reversing, turning) becomes rest.
     ///
     /// # Errors
-    /// [`Error::NotFinite`] for a twist that is not.
+    /// [`Error::NotFinite`] for a twist that is not, and what [`validate`](Self::validate) says.
     ///
     /// ```
     /// use agv_core::geometry::Twist2;
@@ -80,6 +80,7 @@ impl TwistLimits {
     /// # Ok::<(), agv_core::Error>(())
     /// ```
     pub fn clamp(&self, twist: &Twist2) -> Result<Twist2, Error> {
+        self.validate()?;
         finite_twist("twist", twist)?;
         let vy = if self.lateral_speed == 0.0 { 0.0 } else { twist.vy };
         let forward_or_back = if twist.vx < 0.0 { self.reverse_speed } else { self.forward_speed };
@@ -99,7 +100,8 @@ impl TwistLimits {
     /// step brakes as hard as allowed.
     ///
     /// # Errors
-    /// [`Error::NotFinite`] for a twist that is not, [`Error::Negative`] for `dt`.
+    /// [`Error::NotFinite`] for a twist that is not, [`Error::Negative`] for `dt`, and what
+    /// [`validate`](Self::validate) says.
     pub fn step(&self, current: &Twist2, target: &Twist2, dt: f64) -> Result<Twist2, Error> {
         finite_twist("current twist", current)?;
         check::non_negative("dt", dt)?;
@@ -151,8 +153,9 @@ impl TwistLimits {
     /// `v t + v² / (2 deceleration)`.
     ///
     /// # Errors
-    /// A speed that is not finite, or a negative reaction time.
+    /// A speed that is not finite, a negative reaction time, and what [`validate`](Self::validate) says.
     pub fn stopping_distance(&self, speed: f64, reaction_time: f64) -> Result<f64, Error> {
+        self.validate()?;
         let speed = check::finite("speed", speed)?.abs();
         let reaction_time = check::non_negative("reaction_time", reaction_time)?;
         Ok(speed * reaction_time + 0.5 * speed * speed / self.deceleration)
@@ -162,8 +165,9 @@ impl TwistLimits {
     /// inverse of [`stopping_distance`](Self::stopping_distance). Zero if there is no room.
     ///
     /// # Errors
-    /// A distance or a reaction time that is not finite and at least zero.
+    /// A distance or a reaction time that is not finite and at least zero, and what [`validate`](Self::validate) says.
     pub fn stopping_speed(&self, distance: f64, reaction_time: f64) -> Result<f64, Error> {
+        self.validate()?;
         check::non_negative("distance", distance)?;
         check::non_negative("reaction_time", reaction_time)?;
         Ok(stopping_speed(distance, self.deceleration, reaction_time))
@@ -354,6 +358,13 @@ mod tests {
             assert!(l.stopping_distance(1.0, bad).is_err() && l.stopping_speed(1.0, bad).is_err());
         }
         assert!(l.step(&ok, &ok, -0.1).is_err() && l.stopping_speed(-1.0, 0.0).is_err());
-        assert!(TwistLimits { yaw_acceleration: f64::NAN, ..l }.validate().is_err());
+        for limits in [
+            TwistLimits { yaw_acceleration: f64::NAN, ..l },
+            TwistLimits { deceleration: 0.0, ..l },
+            TwistLimits { forward_speed: -1.0, ..l },
+        ] {
+            assert!(limits.validate().is_err() && limits.clamp(&ok).is_err() && limits.step(&ok, &ok, 0.1).is_err());
+            assert!(limits.stopping_distance(1.0, 0.0).is_err() && limits.stopping_speed(1.0, 0.0).is_err());
+        }
     }
 }

@@ -81,10 +81,12 @@ impl SteeringLimits {
     /// the spot becomes rest.
     ///
     /// # Errors
-    /// [`Error::NotFinite`] for a twist that is not.
+    /// [`Error::NotFinite`] for a twist that is not, and what [`validate`](Self::validate) says.
     pub fn clamp(&self, twist: &Twist2) -> Result<Twist2, Error> {
+        self.validate()?;
         finite_twist("twist", twist)?;
-        let limit = self.max_curvature() * twist.vx.abs();
+        // Apart at rest, where an absurdly short wheelbase would make it NaN.
+        let limit = if twist.vx == 0.0 { 0.0 } else { self.max_curvature() * twist.vx.abs() };
         Ok(Twist2::new(twist.vx, 0.0, twist.yaw_rate.clamp(-limit, limit)))
     }
 
@@ -93,8 +95,9 @@ impl SteeringLimits {
     /// A `current` beyond the greatest angle is brought back at the greatest rate.
     ///
     /// # Errors
-    /// An angle that is not finite, or a negative `dt`.
+    /// An angle that is not finite, a negative `dt`, and what [`validate`](Self::validate) says.
     pub fn step(&self, current: f64, target: f64, dt: f64) -> Result<f64, Error> {
+        self.validate()?;
         check::finite("current steering", current)?;
         check::finite("target steering", target)?;
         let reach = self.max_rate * check::non_negative("dt", dt)?;
@@ -175,5 +178,7 @@ mod tests {
             );
         }
         assert!(good.step(0.0, 0.0, -0.1).is_err());
+        let broken = SteeringLimits { max_angle: -1.0, ..good };
+        assert!(broken.clamp(&Twist2::ZERO).is_err() && broken.step(0.0, 0.0, 0.1).is_err());
     }
 }

@@ -38,6 +38,7 @@ impl RotTransRot {
     pub const STANDING: f64 = 1e-3;
 
     /// The decomposition of `start_from_end`; see [`from_motion_above`](Self::from_motion_above) for a standing vehicle.
+    /// A motion that is not finite gives parts that are not: an odometry increment is checked before.
     pub fn from_motion(start_from_end: &Se2) -> Self {
         Self::from_motion_above(start_from_end, Self::STANDING)
     }
