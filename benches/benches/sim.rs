@@ -37,7 +37,11 @@ fn planar(c: &mut Criterion) {
             let scan = laser.scan(world, &pose, &Twist2::ZERO, Stamp::default()).expect("the pose is finite");
             assert!(scan.ranges().iter().any(|r| r.is_finite()));
             group.bench_function(format!("{name}/{beams}"), |b| {
-                b.iter(|| laser.scan(world, black_box(&pose), &Twist2::ZERO, Stamp::default()).map(|s| s.len()));
+                b.iter(|| {
+                    laser
+                        .scan(world, black_box(&pose), &Twist2::ZERO, Stamp::default())
+                        .map(agv_core::sensors::LaserScan::len)
+                });
             });
         };
         bench("shapes_40", &boxes(40), Se2::default());
@@ -66,7 +70,11 @@ fn spatial(c: &mut Criterion) {
             let cloud = lidar.scan(factory.world(), &pose, &twist, Stamp::default()).expect("the pose is finite");
             assert!(cloud.len() > 25_000);
             group.bench_function(format!("factory/{name}/{how}"), |b| {
-                b.iter(|| lidar.scan(factory.world(), black_box(&pose), &twist, Stamp::default()).map(|c| c.len()));
+                b.iter(|| {
+                    lidar
+                        .scan(factory.world(), black_box(&pose), &twist, Stamp::default())
+                        .map(agv_core::sensors::PointCloud::len)
+                });
             });
         }
     }

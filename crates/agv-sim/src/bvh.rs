@@ -1,28 +1,17 @@
 //! A bounding volume hierarchy over boxes in `D` dimensions: the planar and the spatial world share it.
 //!
 //! Built once by the binned surface area heuristic (Wald 2007): a node is split where the boxes' areas times their
-//! counts add up to least. Pairs of levels are then merged, so that each node holds the boxes of four children side by
-//! side: a ray tests them at once in `f32` lanes, with boxes grown and results slackened by more than rounding can do,
-//! and visits O(log n) nodes, nearest first. What is in a leaf is tested in `f64` by the owner. The tree depends on the
-//! boxes alone and ties are broken by index, so it is the same on every run.
+//! counts add up to least. A ray then visits O(log n) nodes, nearest first. The tree depends on the boxes alone and
+//! ties are broken by index, so it is the same on every run.
 
 /// Bins of the split search per axis.
 const BINS: usize = 16;
 /// Most entries of a leaf.
 const LEAF: usize = 3;
-/// Depth from which nodes are halved by count, so that the depth is bounded.
-const HALVING_DEPTH: usize = 16;
-/// Places of the traversal's stack: each level puts off three children at most, and [`Bvh::MAX_ENTRIES`] make
-/// `HALVING_DEPTH` + 24 levels.
-const STACK: usize = 128;
+/// Depth from which nodes are halved by count, so that the traversal's stack is bounded by `2 * HALVING_DEPTH`.
+const HALVING_DEPTH: usize = 32;
 /// Stands for an infinite reciprocal, so that zero times it is zero and not NaN.
 const HUGE: f64 = 1e290;
-/// The same in single precision.
-const HUGE_LANE: f32 = 1e30;
-/// Relative slack of the single-precision box test, some ten roundings.
-const SLACK: f32 = 1e-6;
-/// Bit of a child that is a leaf; its count follows in two bits, its first entry in the rest.
-const IS_LEAF: u32 = 1 << 31;
 
 /// An axis-aligned box, in metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -97,16 +86,13 @@ pub(crate) struct Ray<const D: usize> {
     pub(crate) origin: [f64; D],
     pub(crate) direction: [f64; D],
     reciprocal: [f64; D],
-    lane_origin: [f32; D],
-    lane_reciprocal: [f32; D],
 }
 
 impl<const D: usize> Ray<D> {
     #[inline]
     pub(crate) fn new(origin: [f64; D], direction: [f64; D]) -> Self {
         let reciprocal = direction.map(|d| if d.abs() > 1.0 / HUGE { 1.0 / d } else { HUGE.copysign(d) });
-        let lane_reciprocal = reciprocal.map(|r| (r as f32).clamp(-HUGE_LANE, HUGE_LANE));
-        Self { origin, direction, reciprocal, lane_origin: origin.map(|o| o as f32), lane_reciprocal }
+        Self { origin, direction, reciprocal }
     }
 
     /// Where the line of the ray enters and leaves the box; in the wrong order if it misses.
@@ -122,50 +108,22 @@ impl<const D: usize> Ray<D> {
         (near, far)
     }
 
-    /// Where the ray enters each of a node's boxes, at most as far as in truth; infinite if it does not before `limit`.
+    /// Where the ray enters the box, if it does before `limit`; zero if it starts inside.
     #[inline]
-    fn entries(&self, node: &Node<D>, limit: f32) -> [f32; 4] {
-        let (mut near, mut far) = ([0.0_f32; 4], [limit; 4]);
-        for axis in 0..D {
-            let (origin, reciprocal) = (self.lane_origin[axis], self.lane_reciprocal[axis]);
-            let (min, max) = (&node.min[axis], &node.max[axis]);
-            let (front, back) = if reciprocal >= 0.0 { (min, max) } else { (max, min) };
-            for lane in 0..4 {
-                let (enter, leave) = ((front[lane] - origin) * reciprocal, (back[lane] - origin) * reciprocal);
-                near[lane] = if near[lane] > enter { near[lane] } else { enter };
-                far[lane] = if far[lane] < leave { far[lane] } else { leave };
-            }
-        }
-        std::array::from_fn(|lane| {
-            let enter = near[lane] * (1.0 - SLACK);
-            if enter <= far[lane] * (1.0 + SLACK) { enter } else { f32::INFINITY }
-        })
+    fn entry(&self, bounds: &Bounds<D>, limit: f64) -> Option<f64> {
+        let (near, far) = self.span(bounds);
+        let near = greater(near, 0.0);
+        (near <= lesser(far, limit)).then_some(near)
     }
 }
 
-/// Four children and their boxes, side by side. Lanes that are not used have a box that nothing meets.
 #[derive(Debug, Clone, Copy)]
 struct Node<const D: usize> {
-    min: [[f32; 4]; D],
-    max: [[f32; 4]; D],
-    /// Places of inner nodes, or leaves as [`IS_LEAF`] says.
-    child: [u32; 4],
-}
-
-impl<const D: usize> Node<D> {
-    const EMPTY: Self = Self { min: [[f32::INFINITY; 4]; D], max: [[f32::NEG_INFINITY; 4]; D], child: [0; 4] };
-
-    /// The box of one lane.
-    fn bounds(&self, lane: usize) -> Bounds<D> {
-        Bounds { min: self.min.map(|v| f64::from(v[lane])), max: self.max.map(|v| f64::from(v[lane])) }
-    }
-}
-
-/// Entries of a leaf child; none if it is an inner node.
-#[inline]
-fn leaf_entries(child: u32) -> Option<std::ops::Range<usize>> {
-    let first = (child & ((IS_LEAF >> 2) - 1)) as usize;
-    (child & IS_LEAF != 0).then(|| first..first + ((child >> 29) & 3) as usize)
+    bounds: Bounds<D>,
+    /// First entry of a leaf, or left child of an inner node; the right child follows it.
+    first: u32,
+    /// Entries of a leaf; zero for an inner node.
+    count: u32,
 }
 
 /// The hierarchy. Entries are numbered by their place in the order that [`build`](Self::build) returns.
@@ -175,27 +133,25 @@ pub(crate) struct Bvh<const D: usize> {
 }
 
 impl<const D: usize> Bvh<D> {
-    /// Most boxes of a tree.
-    pub(crate) const MAX_ENTRIES: usize = 1 << 24;
-
-    /// Builds the tree over at most [`MAX_ENTRIES`](Self::MAX_ENTRIES) boxes; the owner then stores its entries in the
-    /// order returned, so that leaves are contiguous in memory. Takes O(n log n).
+    /// Builds the tree over `boxes`; the owner then stores its entries in the order returned, so that leaves are
+    /// contiguous in memory. Takes O(n log n).
     pub(crate) fn build(boxes: &[Bounds<D>]) -> (Self, Vec<usize>) {
         let mut order: Vec<usize> = (0..boxes.len()).collect();
         if boxes.is_empty() {
             return (Self { nodes: Vec::new() }, order);
         }
-        let mut binary = vec![BinaryNode { bounds: Bounds::EMPTY, first: 0, count: 0 }];
-        split(boxes, &mut order, 0, 0, 0, &mut binary);
-        let root = &binary[0].bounds;
-        let scale = root.min.iter().chain(&root.max).fold(1.0, |m, v| greater(m, v.abs()));
-        let mut nodes = vec![Node::EMPTY];
-        merge(&binary, 0, 0, scale * f64::from(SLACK), &mut nodes);
+        let mut nodes = vec![Node { bounds: Bounds::EMPTY, first: 0, count: 0 }];
+        split(boxes, &mut order, 0, 0, 0, &mut nodes);
+        // Rounding in the box test must not lose what touches a box's face.
+        for node in &mut nodes {
+            let scale = node.bounds.min.iter().chain(&node.bounds.max).fold(1.0, |m, v| greater(m, v.abs()));
+            node.bounds = node.bounds.grown(1e-12 * scale);
+        }
         (Self { nodes }, order)
     }
 
     /// The nearest hit up to `limit`. `test(entry, limit)` gives the distance at which the ray meets an entry, if it
-    /// does at most `limit` away.
+    /// does before `limit`.
     #[inline]
     pub(crate) fn cast(
         &self,
@@ -204,105 +160,75 @@ impl<const D: usize> Bvh<D> {
         mut test: impl FnMut(usize, f64) -> Option<f64>,
     ) -> Option<(f64, usize)> {
         let mut best = None;
-        // What is put off, with the distance from which it may hold something; the nearest on top.
-        let mut stack = [(0.0_f32, 0_u32); STACK];
-        let mut depth = usize::from(!self.nodes.is_empty());
-        while depth > 0 {
-            depth -= 1;
-            let (enter, child) = stack[depth];
-            if f64::from(enter) > limit {
+        let mut stack = [(0_u32, 0.0_f64); 2 * HALVING_DEPTH];
+        let mut depth = 0;
+        let root = self.nodes.first()?;
+        let mut current = ray.entry(&root.bounds, limit).map(|_| 0_u32);
+        loop {
+            let Some(index) = current else {
+                // Back up to the nearest node that was put off and may still hold something nearer.
+                if depth == 0 {
+                    return best;
+                }
+                depth -= 1;
+                let (index, entry) = stack[depth];
+                current = (entry <= limit).then_some(index);
                 continue;
-            }
-            if let Some(entries) = leaf_entries(child) {
-                for entry in entries {
+            };
+            let node = &self.nodes[index as usize];
+            if node.count > 0 {
+                for entry in node.first as usize..(node.first + node.count) as usize {
                     if let Some(distance) = test(entry, limit) {
                         limit = distance;
                         best = Some((distance, entry));
                     }
                 }
+                current = None;
                 continue;
             }
-            let node = &self.nodes[child as usize];
-            let enters = ray.entries(node, limit as f32);
-            let bottom = depth;
-            for (&enter, &child) in enters.iter().zip(&node.child) {
-                if enter < f32::INFINITY {
-                    // The depth is bounded by construction, see STACK.
-                    let mut place = depth;
-                    while place > bottom && stack[place - 1].0 < enter {
-                        stack[place] = stack[place - 1];
-                        place -= 1;
-                    }
-                    stack[place] = (enter, child);
+            let (left, right) = (node.first, node.first + 1);
+            let entries = (
+                ray.entry(&self.nodes[left as usize].bounds, limit),
+                ray.entry(&self.nodes[right as usize].bounds, limit),
+            );
+            current = match entries {
+                (Some(a), Some(b)) => {
+                    let (near, far, put_off) = if a <= b { (left, right, b) } else { (right, left, a) };
+                    // The depth is bounded by construction, see HALVING_DEPTH.
+                    stack[depth] = (far, put_off);
                     depth += 1;
+                    Some(near)
                 }
-            }
+                (Some(_), None) => Some(left),
+                (None, Some(_)) => Some(right),
+                (None, None) => None,
+            };
         }
-        best
     }
 
     /// The least of `distance(entry)` over all entries, or `limit` if none is below it. `query` bounds the body that
     /// distances are measured from.
     pub(crate) fn nearest(&self, query: &Bounds<D>, limit: f64, mut distance: impl FnMut(usize) -> f64) -> f64 {
         let mut best = limit;
-        let mut stack = [0_u32; STACK];
+        let mut stack = [0_u32; 2 * HALVING_DEPTH];
         let mut depth = usize::from(!self.nodes.is_empty());
         while depth > 0 && best > 0.0 {
             depth -= 1;
-            if let Some(entries) = leaf_entries(stack[depth]) {
-                best = entries.fold(best, |best, entry| lesser(best, distance(entry)));
+            let node = &self.nodes[stack[depth] as usize];
+            if node.bounds.gap_squared(query) > best * best {
                 continue;
             }
-            let node = &self.nodes[stack[depth] as usize];
-            for (lane, &child) in node.child.iter().enumerate() {
-                if node.bounds(lane).gap_squared(query) <= best * best && node.min[0][lane] < f32::INFINITY {
-                    stack[depth] = child;
-                    depth += 1;
+            if node.count > 0 {
+                for entry in node.first as usize..(node.first + node.count) as usize {
+                    best = lesser(best, distance(entry));
                 }
+            } else {
+                stack[depth] = node.first;
+                stack[depth + 1] = node.first + 1;
+                depth += 2;
             }
         }
         best
-    }
-}
-
-/// A node of the tree as it is built.
-#[derive(Debug, Clone, Copy)]
-struct BinaryNode<const D: usize> {
-    bounds: Bounds<D>,
-    /// First entry of a leaf, or left child of an inner node; the right child follows it.
-    first: u32,
-    /// Entries of a leaf; zero for an inner node.
-    count: u32,
-}
-
-/// Makes node `slot` of the wide tree from node `from` of the binary one: its descendants with the largest boxes are
-/// opened until there are four.
-fn merge<const D: usize>(binary: &[BinaryNode<D>], from: usize, slot: usize, margin: f64, nodes: &mut Vec<Node<D>>) {
-    let mut children = vec![from];
-    while children.len() < 4 {
-        let opened = (0..children.len())
-            .filter(|&i| binary[children[i]].count == 0)
-            .max_by(|&a, &b| binary[children[a]].bounds.measure().total_cmp(&binary[children[b]].bounds.measure()));
-        let Some(opened) = opened else { break };
-        let left = binary[children[opened]].first as usize;
-        children[opened] = left;
-        children.push(left + 1);
-    }
-    for (lane, &index) in children.iter().enumerate() {
-        let child = &binary[index];
-        let grown = child.bounds.grown(margin);
-        for axis in 0..D {
-            nodes[slot].min[axis][lane] = grown.min[axis] as f32;
-            nodes[slot].max[axis][lane] = grown.max[axis] as f32;
-        }
-        nodes[slot].child[lane] = if child.count > 0 {
-            IS_LEAF | (child.count << 29) | child.first
-        } else {
-            let place = nodes.len();
-            nodes.push(Node::EMPTY);
-            merge(binary, index, place, margin, nodes);
-            place as u32
-        };
     }
 }
 
@@ -313,17 +239,17 @@ fn split<const D: usize>(
     first: usize,
     slot: usize,
     depth: usize,
-    nodes: &mut Vec<BinaryNode<D>>,
+    nodes: &mut Vec<Node<D>>,
 ) {
     let bounds = order.iter().fold(Bounds::EMPTY, |b, &i| b.union(&boxes[i]));
     if order.len() <= LEAF {
-        nodes[slot] = BinaryNode { bounds, first: first as u32, count: order.len() as u32 };
+        nodes[slot] = Node { bounds, first: first as u32, count: order.len() as u32 };
         return;
     }
     let middle = partition(boxes, order, depth);
     let left = nodes.len();
-    nodes[slot] = BinaryNode { bounds, first: left as u32, count: 0 };
-    nodes.extend([BinaryNode { bounds, first: 0, count: 0 }; 2]);
+    nodes[slot] = Node { bounds, first: left as u32, count: 0 };
+    nodes.extend([Node { bounds, first: 0, count: 0 }; 2]);
     let (low, high) = order.split_at_mut(middle);
     split(boxes, low, first, left, depth + 1, nodes);
     split(boxes, high, first + middle, left + 1, depth + 1, nodes);
@@ -393,13 +319,6 @@ mod tests {
         prop::collection::vec(entry, 0..60)
     }
 
-    /// Where the ray enters a box, exactly.
-    fn entry<const D: usize>(ray: &Ray<D>, bounds: &Bounds<D>, limit: f64) -> Option<f64> {
-        let (near, far) = ray.span(bounds);
-        let near = near.max(0.0);
-        (near <= far && near <= limit).then_some(near)
-    }
-
     proptest! {
         /// The tree finds the entry that a loop over all boxes finds, axis-parallel rays on faces included.
         #[test]
@@ -408,8 +327,8 @@ mod tests {
             let angle = f64::from(turn) * std::f64::consts::PI / 16.0;
             let direction = if turn % 8 == 0 { [angle.cos().round(), angle.sin().round()] } else { [angle.cos(), angle.sin()] };
             let ray = Ray::new([f64::from(x), f64::from(y)], direction);
-            let found = bvh.cast(&ray, 30.0, |e, limit| entry(&ray, &boxes[order[e]], limit));
-            let all = boxes.iter().filter_map(|b| entry(&ray, b, 30.0)).min_by(f64::total_cmp);
+            let found = bvh.cast(&ray, 30.0, |entry, limit| ray.entry(&boxes[order[entry]], limit).filter(|t| *t < limit));
+            let all = boxes.iter().filter_map(|b| ray.entry(b, 30.0)).min_by(f64::total_cmp);
             prop_assert_eq!(found.map(|(t, _)| t), all);
         }
 
@@ -430,6 +349,9 @@ mod tests {
         let (bvh, order) = Bvh::build(&boxes);
         let ray = Ray::new([-1.0, 0.5, 0.5], [1.0, 0.0, 0.0]);
         assert_eq!(order.len(), 5000);
-        assert_eq!(bvh.cast(&ray, 9.0, |e, limit| entry(&ray, &boxes[e], limit)).map(|h| h.0), Some(1.0));
+        assert_eq!(
+            bvh.cast(&ray, 9.0, |e, limit| ray.entry(&boxes[e], limit).filter(|t| *t < limit)).map(|h| h.0),
+            Some(1.0)
+        );
     }
 }

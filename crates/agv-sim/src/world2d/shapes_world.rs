@@ -79,10 +79,6 @@ impl World2d {
                 }
             }
         }
-        if primitives.len() > Bvh::<2>::MAX_ENTRIES {
-            let (len, max) = (primitives.len(), Bvh::<2>::MAX_ENTRIES);
-            return Err(agv_core::Error::TooMany { name: "outlines", len, max }.into());
-        }
         let boxes: Vec<_> = primitives.iter().map(Primitive::bounds).collect();
         let (tree, order) = Bvh::build(&boxes);
         let primitives = order.iter().map(|&i| primitives[i]).collect();
