@@ -36,8 +36,8 @@ pub fn parse_tum(input: &Input) -> Result<Vec<StampedPose<Se3>>, Error> {
             fields.end()?;
             let quaternion = Quaternion::new(w, i, j, k);
             let norm = quaternion.norm();
-            // The negation also refuses a norm that overflowed.
-            if !((norm - 1.0).abs() <= ROTATION_TOLERANCE) {
+            // A norm that overflowed lies outside, too.
+            if !(1.0 - ROTATION_TOLERANCE..=1.0 + ROTATION_TOLERANCE).contains(&norm) {
                 return Err(input.line_error(number, format_args!("the quaternion's norm is {norm}, not 1")));
             }
             let rotation = UnitQuaternion::from_quaternion(quaternion).into();

@@ -1,4 +1,4 @@
-//! LZF, the compression of `DATA binary_compressed` in PCD files (M. Lehmann's LibLZF).
+//! LZF, the compression of `DATA binary_compressed` in PCD files (M. Lehmann's `LibLZF`).
 //!
 //! A control byte below 32 is followed by that many literals plus one; else its upper three bits plus two are the length
 //! of a copy (7 means that another byte adds to it) and its lower five bits with the next byte the distance minus one.

@@ -41,10 +41,8 @@ pub fn parse(input: &Input) -> Result<ScanLog, Error> {
         let (number, text) = line?;
         let mut fields = Fields::blank_separated(input, number, text);
         match fields.text("message")? {
-            "PARAM" => {
-                if fields.text("name").is_ok_and(|name| name == "robot_frontlaser_offset") {
-                    mount = Se2::new(fields.finite("robot_frontlaser_offset")?, 0.0, 0.0);
-                }
+            "PARAM" if fields.text("name").is_ok_and(|name| name == "robot_frontlaser_offset") => {
+                mount = Se2::new(fields.finite("robot_frontlaser_offset")?, 0.0, 0.0);
             }
             "FLASER" => log.entries.push(flaser(fields, number, mount)?),
             "ROBOTLASER1" => log.entries.push(robot_laser(fields, number)?),

@@ -26,7 +26,7 @@ use std::{fmt::Write as _, path::Path};
 /// Occupancy of a cell that was not observed.
 pub const UNKNOWN: i8 = -1;
 
-/// Grey values of the images that are written, as map_saver writes them.
+/// Grey values of the images that are written, as `map_saver` writes them.
 const GREY: [(CellState, u8); 3] = [(CellState::Free, 254), (CellState::Unknown, 205), (CellState::Occupied, 0)];
 
 /// Reads a map as planners and localizers take it: 0 % is free, 100 % is occupied, all else is unknown.

@@ -48,7 +48,7 @@ struct Raw {
     free_thresh: f64,
 }
 
-/// `negate` is written as 0 or 1 by map_saver, as a boolean by hand.
+/// `negate` is written as 0 or 1 by `map_saver`, as a boolean by hand.
 #[derive(Deserialize)]
 #[serde(untagged)]
 enum Negate {

@@ -248,7 +248,12 @@ impl Scene {
 
     /// The names of the layers, each with its colour, from `x` to the right as far as they fit.
     fn legend<B: DrawingBackend>(&self, pen: &Pen<'_, B>, mut x: f64, y: f64) -> Result<(), String> {
-        for (label, color, layer) in self.layers.iter().filter(|(label, ..)| !label.is_empty()) {
+        let drawn = |layer: &Layer| match layer {
+            Layer::Line(points) => !points.is_empty(),
+            Layer::Particles(poses) => !poses.is_empty(),
+            Layer::Mark(_) => true,
+        };
+        for (label, color, layer) in self.layers.iter().filter(|(label, _, layer)| !label.is_empty() && drawn(layer)) {
             if x + 30.0 + text_width(label) > f64::from(self.width) {
                 break;
             }
@@ -275,8 +280,20 @@ impl<B: DrawingBackend> Pen<'_, B> {
     }
 
     fn line(&self, points: Vec<(i32, i32)>, color: RGBColor, width: f64) -> Result<(), String> {
-        let style = ShapeStyle::from(color).stroke_width((width * self.scale).round() as u32);
-        self.area.draw(&PathElement::new(points, style)).map_err(text_of)
+        let width = (width * self.scale).round() as u32;
+        let style = ShapeStyle::from(color).stroke_width(width);
+        if self.scale < 1.5 {
+            return self.area.draw(&PathElement::new(points, style)).map_err(text_of);
+        }
+        // Plotters fills a thick line in a bitmap as one even-odd polygon, which has holes where the line runs back over
+        // itself: piece by piece it has none, and discs round the joints.
+        for pair in points.windows(2) {
+            self.area.draw(&PathElement::new(pair.to_vec(), style)).map_err(text_of)?;
+        }
+        for point in points.iter().skip(1).take(points.len().saturating_sub(2)) {
+            self.area.draw(&Circle::new(*point, width as i32 / 2, color.filled())).map_err(text_of)?;
+        }
+        Ok(())
     }
 
     fn dot(&self, center: (i32, i32), color: RGBColor, radius: f64) -> Result<(), String> {
@@ -318,7 +335,9 @@ mod tests {
     fn map() -> Grid<CellState> {
         let layout = GridLayout::new(40, 20, 0.5, Se2::new(-5.0, -3.0, 0.3)).unwrap();
         let mut map = Grid::filled(layout, CellState::Free);
-        (0..40).for_each(|x| drop(map.set(Cell::new(x, 0), CellState::Occupied)));
+        for x in 0..40 {
+            map.set(Cell::new(x, 0), CellState::Occupied);
+        }
         map
     }
 

@@ -15,6 +15,9 @@ use plotters::{
 };
 use std::path::Path;
 
+/// Name, colour and points of a curve.
+type Curve = (String, Color, Vec<(f64, f64)>);
+
 /// Curves over time, or over anything that grows.
 ///
 /// ```
@@ -31,7 +34,7 @@ use std::path::Path;
 pub struct TimeSeries {
     title: String,
     axes: [String; 2],
-    curves: Vec<(String, Color, Vec<(f64, f64)>)>,
+    curves: Vec<Curve>,
 }
 
 impl TimeSeries {
