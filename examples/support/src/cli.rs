@@ -25,7 +25,7 @@ pub struct CommonArgs {
     /// Seed of all random numbers: the same seed gives the same result
     #[arg(long, default_value_t = 1)]
     pub seed: u64,
-    /// Folder for pictures and files [default: target/agv/ and the example's name]
+    /// Folder for pictures and files; without it, target/agv/ and the example's name
     #[arg(long)]
     pub out: Option<PathBuf>,
     /// Print one JSON object on standard output instead of the table

@@ -1,7 +1,7 @@
 //! Scan logs and reference poses as plain CSV with a header line; columns are found by name, in any order.
 //!
-//! - scans: `t` [s], `odom_x, odom_y` [m], `odom_th` [rad], `r0..rN` [m]; the beams are a forward-looking SICK's;
-//! - reference: `t` [s], `x, y` [m], `th` [rad], one row per scan; other columns are ignored.
+//! - scans: `t` in s, `odom_x, odom_y` in m, `odom_th` in rad, `r0..rN` in m; the beams are a forward-looking SICK's;
+//! - reference: `t` in s, `x, y` in m, `th` in rad, one row per scan; other columns are ignored.
 
 use super::{LogEntry, ScanLog, StampedPose, sick_geometry};
 use crate::{
