@@ -1,1 +1,39 @@
 //! File formats, command line, plots and progress bars of the examples: all I/O of the repository lives here.
+//!
+//! # Overview
+//! Every reader takes a path (gzip is recognised by content, and `path.gz` is tried where `path` is missing) or an
+//! [`Input`] already in memory, and gives the types of `agv-core`. What is wrong with a file is said with its name, the
+//! line or byte, and the reason, by [`Error`]; a size that a header claims is never believed before the bytes are there.
+//!
+//! | users have | module |
+//! |---|---|
+//! | scan logs: CARMEN, CSV, `SCAN` text | [`log`] |
+//! | ROS maps (PGM or PNG with YAML) | [`map`] |
+//! | MovingAI maps and scenarios | [`movingai`] |
+//! | trajectories: TUM, KITTI | [`trajectory`] |
+//! | Kümmerle's relations | [`relations`] |
+//! | clouds: PLY, PCD, KITTI and raw binary | [`cloud`] |
+//!
+//! [`cli`] and [`progress`] are what an example shows on the terminal, [`plot`] draws its pictures.
+#![forbid(unsafe_code)]
+#![deny(missing_docs)]
+#![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
+
+pub mod cli;
+pub mod cloud;
+mod error;
+mod fields;
+pub mod input;
+pub mod log;
+pub mod map;
+pub mod movingai;
+pub mod plot;
+pub mod progress;
+pub mod relations;
+pub mod trajectory;
+
+#[cfg(test)]
+mod testing;
+
+pub use error::{Error, run};
+pub use input::Input;

@@ -1,0 +1,155 @@
+//! Values over time, with axes.
+
+use super::{
+    Color,
+    picture::{self, Picture},
+};
+use crate::Error;
+use image::RgbImage;
+use plotters::{
+    chart::{ChartBuilder, SeriesLabelPosition},
+    coord::Shift,
+    element::PathElement,
+    prelude::{DrawingArea, DrawingBackend, LineSeries, WHITE},
+    style::{Color as _, IntoFont as _, ShapeStyle},
+};
+use std::path::Path;
+
+/// Name, colour and points of a curve.
+type Curve = (String, Color, Vec<(f64, f64)>);
+
+/// Curves over time, or over anything that grows.
+///
+/// ```
+/// use agv_support::plot::{Color, TimeSeries};
+///
+/// let picture = std::env::temp_dir().join("agv-support-series.svg");
+/// TimeSeries::new("Step response", "time [s]", "speed [m/s]")
+///     .curve("measured", Color::Blue, (0..100).map(|i| (f64::from(i) * 0.1, 1.0 - (-f64::from(i) * 0.1).exp())))
+///     .write(&picture)?;
+/// # std::fs::remove_file(picture).ok();
+/// # Ok::<(), agv_support::Error>(())
+/// ```
+#[derive(Debug, Clone, PartialEq)]
+pub struct TimeSeries {
+    title: String,
+    axes: [String; 2],
+    curves: Vec<Curve>,
+}
+
+impl TimeSeries {
+    /// An empty diagram with the names of its axes, units included.
+    pub fn new(title: impl Into<String>, x: impl Into<String>, y: impl Into<String>) -> Self {
+        Self { title: title.into(), axes: [x.into(), y.into()], curves: Vec::new() }
+    }
+
+    /// Adds a curve; points that are not finite are left out.
+    #[must_use]
+    pub fn curve(mut self, label: &str, color: Color, points: impl IntoIterator<Item = (f64, f64)>) -> Self {
+        let points = points.into_iter().filter(|(x, y)| x.is_finite() && y.is_finite()).collect();
+        self.curves.push((label.to_owned(), color, points));
+        self
+    }
+
+    /// Writes the picture: SVG if `path` ends in `.svg`, else PNG.
+    ///
+    /// # Errors
+    /// The operating system's refusal.
+    pub fn write(&self, path: impl AsRef<Path>) -> Result<(), Error> {
+        picture::write(self, path.as_ref())
+    }
+
+    /// Least and greatest value of one coordinate, widened so that there is a span.
+    fn span(&self, of: impl Fn(&(f64, f64)) -> f64) -> (f64, f64) {
+        let values = || self.curves.iter().flat_map(|(_, _, points)| points).map(&of);
+        let (low, high) = (values().fold(f64::INFINITY, f64::min), values().fold(f64::NEG_INFINITY, f64::max));
+        match high - low {
+            span if span.is_finite() && span > 0.0 => (low, high),
+            _ if low.is_finite() && low.abs() < 1e100 => (low - 0.5, low + 0.5),
+            _ => (0.0, 1.0),
+        }
+    }
+}
+
+impl Picture for TimeSeries {
+    fn size(&self) -> (u32, u32) {
+        (1000, 420)
+    }
+
+    fn draw<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, Shift>,
+        scale: u32,
+        _raster: Option<&RgbImage>,
+    ) -> Result<(), String> {
+        let text_of = |error: &dyn std::fmt::Display| error.to_string();
+        let font = |size: u32| ("sans-serif", size * scale).into_font();
+        area.fill(&WHITE).map_err(|error| text_of(&error))?;
+        let ((x0, x1), (y0, y1)) = (self.span(|p| p.0), self.span(|p| p.1));
+        let room = 0.06 * (y1 - y0);
+        let mut chart = ChartBuilder::on(area)
+            .caption(&self.title, font(18))
+            .margin(12 * scale)
+            .x_label_area_size(42 * scale)
+            .y_label_area_size(64 * scale)
+            .build_cartesian_2d(x0..x1, y0 - room..y1 + room)
+            .map_err(|error| text_of(&error))?;
+        chart
+            .configure_mesh()
+            .x_desc(&self.axes[0])
+            .y_desc(&self.axes[1])
+            .label_style(font(13))
+            .light_line_style(WHITE)
+            .bold_line_style(Color::Grey.rgb().mix(0.25))
+            .draw()
+            .map_err(|error| text_of(&error))?;
+        for (label, color, points) in &self.curves {
+            let style = ShapeStyle::from(color.rgb()).stroke_width(2 * scale);
+            let series = chart.draw_series(LineSeries::new(points.iter().copied(), style));
+            let series = series.map_err(|error| text_of(&error))?;
+            if !label.is_empty() {
+                let length = 20 * scale as i32;
+                series.label(label).legend(move |(x, y)| PathElement::new([(x, y), (x + length, y)], style));
+            }
+        }
+        if self.curves.iter().any(|(label, ..)| !label.is_empty()) {
+            chart
+                .configure_series_labels()
+                .position(SeriesLabelPosition::UpperRight)
+                .legend_area_size(26 * scale)
+                .margin(8 * scale)
+                .label_font(font(14))
+                .background_style(WHITE.mix(0.85))
+                .border_style(Color::Grey.rgb().mix(0.4))
+                .draw()
+                .map_err(|error| text_of(&error))?;
+        }
+        Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::testing::Scratch;
+
+    #[test]
+    fn curves_are_drawn_and_odd_values_do_no_harm() {
+        let scratch = Scratch::new("series");
+        for (name, points) in [
+            ("good", vec![(0.0, 1.0), (1.0, 2.0), (2.0, -1.0)]),
+            ("empty", vec![]),
+            ("one", vec![(3.0, 3.0)]),
+            ("odd", vec![(0.0, f64::NAN), (f64::INFINITY, 1.0), (1.0, 1.0), (2.0, 1.0)]),
+        ] {
+            let series = TimeSeries::new(name, "t [s]", "x [m]").curve("x", Color::Blue, points);
+            for kind in ["png", "svg"] {
+                series.write(scratch.path(&format!("{name}.{kind}"))).unwrap();
+            }
+        }
+        let image = image::open(scratch.path("good.png")).unwrap().into_rgb8();
+        let blue = |p: &&image::Rgb<u8>| p.0[0] < 40 && p.0[2] > 150;
+        assert!(image.pixels().filter(blue).count() > 200);
+        assert!(std::fs::read_to_string(scratch.path("good.svg")).unwrap().contains("t [s]"));
+    }
+}
