@@ -170,8 +170,8 @@ fn evidence_does_not_overflow() {
 #[test]
 fn a_hit_is_protected_from_its_neighbours() {
     // A wall seen at a flat angle: one row of cells, many beams through it.
-    let ranges: Vec<f32> = (0..15).map(|i| (0.59 / (0.02 + 0.011 * f64::from(i)).sin()) as f32).collect();
-    let geometry = ScanGeometry { angle_min: 0.02, angle_increment: 0.011, range_max: 60.0, ..Default::default() };
+    let ranges: Vec<f32> = (0..50).map(|i| (0.59 / (0.02 + 0.003 * f64::from(i)).sin()) as f32).collect();
+    let geometry = ScanGeometry { angle_min: 0.02, angle_increment: 0.003, range_max: 60.0, ..Default::default() };
     let scan = LaserScan::new(Stamp::default(), geometry, ranges).unwrap();
     let flat = GridLayout::new(300, 20, 0.1, Se2::default()).unwrap();
     let negative_ends = |protect_hits| {
