@@ -219,12 +219,20 @@ mod tests {
         fn corners_are_told_from_near_misses_on_long_beams(
             rise in 0_i64..12, run in 1_i64..12, shift in -1_i64..=1, steep in any::<bool>(), back in any::<bool>(),
         ) {
-            let n = 1200 / run.max(rise);
+            let n = 560 / run.max(rise);
             let (from, to) = ((0, 0), (n * run * LATTICE, n * rise * LATTICE + shift));
             let mirrored = |p: (i64, i64)| if steep { (p.1 + LATTICE, p.0) } else { (p.0, p.1 + LATTICE) };
             let (from, to) = (mirrored(from), mirrored(to));
-            let block = Block { width: 1210, height: 1210 };
+            let block = Block { width: 570, height: 570 };
             if back { agree(block, to, from)?; } else { agree(block, from, to)?; }
+        }
+
+        /// Up to the longest beams of the fast loop the rounding stays below the distance of phases.
+        #[test]
+        fn the_longest_beams_are_exact_too(
+            from in (0..1_000 * LATTICE, 0..2 * LATTICE), to in (29_000 * LATTICE..30_000 * LATTICE, 0..2 * LATTICE),
+        ) {
+            agree(Block { width: 30_000, height: 2 }, from, to)?;
         }
     }
 }

@@ -73,7 +73,7 @@ impl Default for OccupancyThresholds {
 }
 
 impl OccupancyThresholds {
-    /// Bytes that ROS's map_saver writes for free, unknown and occupied.
+    /// Bytes that ROS's `map_saver` writes for free, unknown and occupied.
     pub const TRINARY_BYTES: [u8; 3] = [254, 205, 0];
 
     /// A cell is occupied above the probability `occupied` and free below `free`.
@@ -152,7 +152,7 @@ impl OccupancyThresholds {
         }
     }
 
-    /// Byte that map_saver writes for a percentage (above 100 counts as unknown), not negated.
+    /// Byte that `map_saver` writes for a percentage (above 100 counts as unknown), not negated.
     ///
     /// Trinary compares the percentage with the thresholds, inclusively. Scale needs an alpha channel for unknown
     /// cells; without it they are written as 205.
