@@ -151,9 +151,7 @@ impl Primitive {
     /// None of a plane, which has no bounds.
     pub(super) fn new(solid: &Solid) -> Option<Self> {
         Some(match *solid {
-            Solid::Box { center, size, yaw: 0.0 } => {
-                Self::Block { min: center - 0.5 * size, max: center + 0.5 * size }
-            }
+            Solid::Box { center, size, yaw: 0.0 } => Self::Block { min: center - 0.5 * size, max: center + 0.5 * size },
             Solid::Box { center, size, yaw } => {
                 Self::Turned { center, half: 0.5 * size, cos: yaw.cos(), sin: yaw.sin() }
             }
