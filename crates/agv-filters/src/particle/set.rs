@@ -27,7 +27,7 @@ use agv_core::{
 /// assert!((summary.effective_sample_size - 1.6).abs() < 1e-12);
 /// # Ok::<(), agv_core::Error>(())
 /// ```
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct ParticleSet {
     poses: Vec<Se2>,
     /// Normalised: their exponentials sum to one.
@@ -37,6 +37,13 @@ pub struct ParticleSet {
     /// Where resampling writes, before the two change places.
     spare: Vec<Se2>,
     ancestors: Vec<u32>,
+}
+
+impl PartialEq for ParticleSet {
+    /// Poses and weights; scratch memory does not count.
+    fn eq(&self, other: &Self) -> bool {
+        self.poses == other.poses && self.log_weights == other.log_weights && self.weights == other.weights
+    }
 }
 
 /// What the weights of a set say of its health.

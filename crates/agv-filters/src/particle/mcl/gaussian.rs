@@ -43,16 +43,17 @@ fn semidefinite_root(covariance: &Matrix3<f64>) -> Result<Matrix3<f64>, Error> {
     for j in 0..3 {
         let known = |i: usize, root: &Matrix3<f64>| (0..j).map(|k| root[(i, k)] * root[(j, k)]).sum::<f64>();
         let pivot = covariance[(j, j)] - known(j, &root);
-        let rounding = 1e-12 * covariance[(j, j)].abs();
+        // What the earlier pivots, which may be small themselves, leave of rounding.
+        let rounding = 1e-9 * covariance[(j, j)].abs();
         if pivot > rounding {
             root[(j, j)] = pivot.sqrt();
             for i in j + 1..3 {
                 root[(i, j)] = (covariance[(i, j)] - known(i, &root)) / root[(j, j)];
             }
         } else {
-            // A variance of zero allows no covariance with anything.
+            // A variance of zero allows no covariance with anything; one of rounding, its root.
             let loose = (j + 1..3).map(|i| (covariance[(i, j)] - known(i, &root)).abs()).fold(0.0, f64::max);
-            let allowed = 1e-6 * (covariance[(j, j)].abs() * covariance.diagonal().amax()).sqrt();
+            let allowed = 1e-4 * (covariance[(j, j)].abs() * covariance.diagonal().amax()).sqrt();
             if pivot < -rounding || loose > allowed {
                 return Err(Error::NotCovariance { name: "covariance", pivot: pivot.min(-loose) });
             }
@@ -73,7 +74,7 @@ mod tests {
             (rank..3).for_each(|column| factor.set_column(column, &Vector3::zeros()));
             let covariance = factor * factor.transpose();
             let root = semidefinite_root(&covariance).unwrap();
-            prop_assert!((root * root.transpose() - covariance).abs().max() < 1e-5 * covariance.amax().max(1e-9));
+            prop_assert!((root * root.transpose() - covariance).abs().max() < 2e-4 * covariance.amax().max(1e-9));
         }
     }
 

@@ -57,9 +57,10 @@ pub struct LikelihoodFieldModelParams {
 }
 
 impl Default for LikelihoodFieldModelParams {
-    /// 60 beams, as `nav2_amcl`, of which 5 must hit within 30 m.
+    /// 60 beams, as `nav2_amcl`, of which 5 must hit within 30 m; 60 count as 18, so that the weights stay even enough for
+    /// a belief to survive a wrong step of the odometry, at no loss of accuracy (measured on the Intel log).
     fn default() -> Self {
-        Self { max_beams: 60, min_hits: 5, max_range: 30.0, form: ScanForm::Product { tempering: 1.0 } }
+        Self { max_beams: 60, min_hits: 5, max_range: 30.0, form: ScanForm::Product { tempering: 0.3 } }
     }
 }
 
@@ -260,8 +261,17 @@ impl ScanOnTable<'_> {
             }
             let count = left.min(BLOCK);
             left -= count;
-            for (k, &index) in indices[..count].iter().enumerate() {
-                lanes[k % 4] += table.terms[index as usize];
+            // Lanes by name, so that they stay in registers.
+            let fours = indices[..count].chunks_exact(4);
+            let rest = fours.remainder();
+            for four in fours {
+                lanes[0] += table.terms[four[0] as usize];
+                lanes[1] += table.terms[four[1] as usize];
+                lanes[2] += table.terms[four[2] as usize];
+                lanes[3] += table.terms[four[3] as usize];
+            }
+            for (lane, &index) in lanes.iter_mut().zip(rest) {
+                *lane += table.terms[index as usize];
             }
         }
         f64::from((lanes[0] + lanes[1]) + (lanes[2] + lanes[3]))
@@ -398,7 +408,7 @@ mod tests {
         let scan = scan(vec![1.0; 60]);
         let likelihood = model.condition(&scan).unwrap();
         for pose in [Se2::new(1e300, 0.0, 0.0), Se2::new(-1e9, 1e9, 1.0), Se2::new(f64::NAN, 0.0, 0.0)] {
-            assert!((likelihood.log_likelihood(&pose) - 60.0 * 0.005_f64.ln()).abs() < 1e-2);
+            assert!((likelihood.log_likelihood(&pose) - 0.3 * 60.0 * 0.005_f64.ln()).abs() < 1e-2);
         }
     }
 
