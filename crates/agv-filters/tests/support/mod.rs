@@ -7,19 +7,24 @@ use agv_core::{
     time::Stamp,
 };
 use flate2::read::GzDecoder;
-use std::{fs::File, io::Read, path::PathBuf};
+use std::{
+    fs::File,
+    io::Read,
+    path::{Path, PathBuf},
+};
 
 /// A log with the pose of the odometry, the scan and the reference pose, row by row.
-pub struct IntelLog {
-    pub map: Grid<CellState>,
-    pub odometry: Vec<Se2>,
-    pub scans: Vec<LaserScan>,
-    pub reference: Vec<Se2>,
+pub(crate) struct IntelLog {
+    pub(crate) map: Grid<CellState>,
+    pub(crate) odometry: Vec<Se2>,
+    pub(crate) scans: Vec<LaserScan>,
+    pub(crate) reference: Vec<Se2>,
 }
 
 /// Reads the log of the Intel Research Lab, if the shared data lies beside the repository.
-pub fn intel_log() -> Option<IntelLog> {
-    let folder = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/localization");
+pub(crate) fn intel_log() -> Option<IntelLog> {
+    let shared = |root: &Path| Some(root.join("shared/data/localization")).filter(|folder| folder.is_dir());
+    let folder: PathBuf = Path::new(env!("CARGO_MANIFEST_DIR")).ancestors().find_map(shared)?;
     let read = |name: &str| {
         let mut bytes = Vec::new();
         GzDecoder::new(File::open(folder.join(name)).ok()?).read_to_end(&mut bytes).ok()?;
