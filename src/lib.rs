@@ -5,3 +5,5 @@
 
 pub use agv_core as core;
 pub use agv_core::nalgebra;
+#[cfg(feature = "filters")]
+pub use agv_filters as filters;

@@ -1,0 +1,73 @@
+//! Small worlds that the acceptance tests share.
+#![allow(dead_code, reason = "each test binary uses its part")]
+
+use agv_nav::core::{
+    compute::{Par, Seed},
+    geometry::{LieGroup, Se2, Twist2},
+    grid::{Cell, CellState, Grid, GridLayout, LikelihoodField, LikelihoodFieldParams},
+    odometry::OdometryIncrement,
+    sensors::{LaserScan, ScanGeometry},
+    time::Stamp,
+};
+use agv_nav::filters::particle::{
+    DifferentialOdometryModel, FreeSpace, LikelihoodFieldModel, LikelihoodFieldModelParams, Mcl, MclParams,
+    OdometryNoise,
+};
+
+/// The first particle filter, as a user would build it.
+pub(crate) type ScanFilter = Mcl<DifferentialOdometryModel, LikelihoodFieldModel>;
+
+/// A room of 8 x 5 m with a pillar, 5 cm cells.
+pub(crate) fn room() -> Grid<CellState> {
+    let layout = GridLayout::new(162, 102, 0.05, Se2::new(-0.05, -0.05, 0.0)).unwrap();
+    let mut map = Grid::filled(layout, CellState::Free);
+    for x in 0..162 {
+        for y in 0..102 {
+            let is_wall = x == 0 || y == 0 || x == 161 || y == 101;
+            let is_pillar = (60..70).contains(&x) && (40..46).contains(&y);
+            if is_wall || is_pillar {
+                map.set(Cell::new(x, y), CellState::Occupied);
+            }
+        }
+    }
+    map
+}
+
+/// A filter in the room.
+pub(crate) fn scan_filter(particles: usize, par: Par) -> ScanFilter {
+    let map = room();
+    let field = LikelihoodField::new(&map, LikelihoodFieldParams::default()).unwrap();
+    let sensor = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default()).unwrap();
+    let motion = DifferentialOdometryModel::new(OdometryNoise::default()).unwrap();
+    let params = MclParams { particles, ..Default::default() };
+    let free_space = FreeSpace::new(&map).unwrap();
+    Mcl::new(motion, sensor, free_space, params, Seed(7)).unwrap().with_parallelism(par)
+}
+
+/// A circle in the room: odometry and scan of each step, by marching along the beams.
+pub(crate) fn circle(steps: usize) -> Vec<(OdometryIncrement, LaserScan)> {
+    let map = room();
+    let mut pose = start();
+    let step = Twist2::new(0.25, 0.0, 0.2).integrate(1.0);
+    let motion = OdometryIncrement::between(Stamp::default(), &Se2::identity(), Stamp::default(), &step).unwrap();
+    let geometry = ScanGeometry { angle_min: -2.0, angle_increment: 4.0 / 179.0, ..Default::default() };
+    let mut drive = Vec::new();
+    for _ in 0..steps {
+        pose = pose * step;
+        let range = |beam: usize| {
+            let (sin, cos) = (pose.yaw() + geometry.angle(beam)).sin_cos();
+            let hit = (0..1000).map(|k| f64::from(k) * 0.01).find(|r| {
+                let cell = map.layout().cell_at(&[pose.x() + r * cos, pose.y() + r * sin].into());
+                cell.is_none_or(|cell| map.get(cell) == Some(&CellState::Occupied))
+            });
+            hit.unwrap_or(f64::INFINITY) as f32
+        };
+        drive.push((motion, LaserScan::new(Stamp::default(), geometry, (0..180).map(range).collect()).unwrap()));
+    }
+    drive
+}
+
+/// Where the circle starts.
+pub(crate) fn start() -> Se2 {
+    Se2::new(4.0, 0.9, 0.0)
+}
