@@ -79,7 +79,9 @@ fn systematic_resampling_is_unbiased_and_of_low_variance() {
         Systematic.resample(&weights, &mut Seed(6).stream(round, 0), &mut ancestors);
         assert!(ancestors.is_sorted());
         let mut counts = vec![0_u32; particles];
-        ancestors.iter().for_each(|&a| counts[a as usize] += 1);
+        for &ancestor in &ancestors {
+            counts[ancestor as usize] += 1;
+        }
         for (i, &count) in counts.iter().enumerate() {
             let expected = weights[i] * particles as f64;
             assert!((f64::from(count) - expected).abs() < 1.0 + 1e-9, "{count} copies of weight {expected}");

@@ -261,8 +261,17 @@ impl ScanOnTable<'_> {
             }
             let count = left.min(BLOCK);
             left -= count;
-            for (k, &index) in indices[..count].iter().enumerate() {
-                lanes[k % 4] += table.terms[index as usize];
+            // Lanes by name, so that they stay in registers.
+            let fours = indices[..count].chunks_exact(4);
+            let rest = fours.remainder();
+            for four in fours {
+                lanes[0] += table.terms[four[0] as usize];
+                lanes[1] += table.terms[four[1] as usize];
+                lanes[2] += table.terms[four[2] as usize];
+                lanes[3] += table.terms[four[3] as usize];
+            }
+            for (lane, &index) in lanes.iter_mut().zip(rest) {
+                *lane += table.terms[index as usize];
             }
         }
         f64::from((lanes[0] + lanes[1]) + (lanes[2] + lanes[3]))
