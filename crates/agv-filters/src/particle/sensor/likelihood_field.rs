@@ -57,8 +57,8 @@ pub struct LikelihoodFieldModelParams {
 }
 
 impl Default for LikelihoodFieldModelParams {
-    /// 60 beams, as `nav2_amcl`, of which 5 must hit within 30 m; 60 count as 18, so that the weights stay even enough for
-    /// a belief to survive a wrong step of the odometry, at no loss of accuracy (measured on the Intel log).
+    /// 60 beams, as `nav2_amcl`, of which 5 must hit within 30 m. 60 count as 18: on the Intel log the effective sample
+    /// size is then 21 % of the particles instead of 9 %, at the price of 2 mm.
     fn default() -> Self {
         Self { max_beams: 60, min_hits: 5, max_range: 30.0, form: ScanForm::Product { tempering: 0.3 } }
     }
