@@ -14,7 +14,7 @@
 //! | Kümmerle's relations | [`relations`] |
 //! | clouds: PLY, PCD, KITTI and raw binary | [`cloud`] |
 //!
-//! [`cli`] and [`progress`] are what an example shows on the terminal, [`plot`] draws its pictures.
+//! [`cli`], [`progress`] and [`timing`] are what an example shows on the terminal, [`plot`] draws its pictures.
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
@@ -30,6 +30,7 @@ pub mod movingai;
 pub mod plot;
 pub mod progress;
 pub mod relations;
+pub mod timing;
 pub mod trajectory;
 
 #[cfg(test)]

@@ -74,7 +74,7 @@ impl KeyNodes {
     ///
     /// # Errors
     /// None for a valid path; kept for paths whose poses cannot be pushed.
-    pub fn shorten_into(&self, costmap: &Costmap, path: &Path, short: &mut Path) -> Result<(), Error> {
+    pub fn shorten_into(&self, costmap: &Costmap, path: &Path, short: &mut Path) -> Result<(), agv_core::Error> {
         short.clear();
         let points = path.points();
         let Some(first) = points.first() else { return Ok(()) };
