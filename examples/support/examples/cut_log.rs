@@ -16,7 +16,7 @@ use agv_support::{
     plot::{Color, Scene},
 };
 use clap::Parser;
-use std::{path::PathBuf, process::ExitCode};
+use std::{ops::Range, path::PathBuf, process::ExitCode};
 
 /// Cuts, thins and draws a scan log.
 #[derive(Parser)]
@@ -33,6 +33,9 @@ struct Args {
     /// Row after the last
     #[arg(long)]
     to: Option<usize>,
+    /// Rows to leave out, as `FROM..TO`: a part to be localised in the map of the rest
+    #[arg(long, value_parser = rows)]
+    without: Option<Range<usize>>,
     /// Row that parts the picture's trajectory in two colours
     #[arg(long)]
     part: Option<usize>,
@@ -50,6 +53,11 @@ struct Args {
     json: bool,
 }
 
+fn rows(text: &str) -> Result<Range<usize>, String> {
+    let ends = text.split_once("..").and_then(|(from, to)| Some(from.parse().ok()?..to.parse().ok()?));
+    ends.ok_or_else(|| "two row numbers are needed, as 10..20".to_owned())
+}
+
 fn main() -> ExitCode {
     agv_support::run(|| cut(&Args::parse()))
 }
@@ -65,6 +73,9 @@ fn cut(args: &Args) -> Result<(), Error> {
     let mut last: Option<Se2> = None;
     let mut kept = Vec::new();
     for (row, entry) in poses.iter().enumerate().take(to).skip(args.from) {
+        if args.without.as_ref().is_some_and(|without| without.contains(&row)) {
+            continue;
+        }
         let moved = last.is_none_or(|last| {
             let step = last.between(&entry.pose);
             step.translation().norm() >= args.distance || step.yaw().abs().to_degrees() >= args.angle
