@@ -70,6 +70,8 @@ pub(crate) fn count_in_pool(threads: usize, mut warm_up: impl FnMut() + Send, bo
     let tally = new_tally();
     let builder = rayon::ThreadPoolBuilder::new().num_threads(threads);
     let pool = builder.start_handler(|_| TALLY.set(Some(tally))).build().unwrap();
+    // A worker allocates when it first looks for work, which on a busy machine may be late.
+    pool.broadcast(|_| ());
     pool.install(|| {
         warm_up();
         let before = tally.load(Ordering::SeqCst);
