@@ -16,7 +16,8 @@ pub struct MclCheckpoint {
     initialized: bool,
     due: bool,
     poses: Vec<Se2>,
-    log_weights: Vec<f64>,
+    /// None for a particle that an observation ruled out: texts have no number for −∞.
+    log_weights: Vec<Option<f64>>,
     weights: Vec<f64>,
     pending: Option<OdometryIncrement>,
     moments: Option<PoseEstimate<Se2>>,
@@ -33,7 +34,7 @@ impl<M, S, R, P, U> Mcl<M, S, R, P, U> {
             initialized: *initialized,
             due: *due,
             poses: particles.poses().to_vec(),
-            log_weights: particles.log_weights().to_vec(),
+            log_weights: particles.log_weights().iter().map(|&w| (w > f64::NEG_INFINITY).then_some(w)).collect(),
             weights: particles.weights().to_vec(),
             pending: *pending,
             moments: *moments,
@@ -49,7 +50,8 @@ impl<M, S, R, P, U> Mcl<M, S, R, P, U> {
     pub fn restore(&mut self, checkpoint: &MclCheckpoint) -> Result<(), Error> {
         let MclCheckpoint { pending, moments, .. } = checkpoint;
         let mut particles = ParticleSet::new(checkpoint.poses.clone())?;
-        particles.restore_weights(&checkpoint.log_weights, &checkpoint.weights)?;
+        let log_weights: Vec<f64> = checkpoint.log_weights.iter().map(|w| w.unwrap_or(f64::NEG_INFINITY)).collect();
+        particles.restore_weights(&log_weights, &checkpoint.weights)?;
         let covariances = [pending.map(|motion| motion.covariance), moments.map(|estimate| estimate.covariance)];
         for covariance in covariances.iter().flatten() {
             check::all_finite("covariance", covariance.iter())?;
