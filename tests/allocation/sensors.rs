@@ -18,7 +18,7 @@ use agv_nav::ndt::convert::{CloudToScan, CloudToScanParams};
 fn returns(radius: f32) -> impl Iterator<Item = LidarReturn> {
     (0..900_u16).flat_map(move |column| {
         (0..16_u16).map(move |ring| {
-            let (azimuth, elevation) = (f32::from(column) * 0.006_98 - 3.14, f32::from(ring) * 0.035 - 0.26);
+            let (azimuth, elevation) = (f32::from(column) * 0.006_98 - 3.1, f32::from(ring) * 0.035 - 0.26);
             let position = Vector3::new(radius * azimuth.cos(), radius * azimuth.sin(), radius * elevation.tan());
             LidarReturn { position, intensity: 0.5, ring, time: f32::from(column) * 1e-4 }
         })
