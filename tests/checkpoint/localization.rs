@@ -1,8 +1,17 @@
 //! Filters.
 
-use crate::scenes::{circle, filter_bits, initialized, localize, scan_filter};
-use agv_nav::core::{compute::Par, geometry::Se2, odometry::OdometryIncrement, roles::Localizer};
-use agv_nav::filters::particle::MclCheckpoint;
+use crate::{
+    scenes::{circle, filter_bits, initialized, localize, room, scan_filter, start},
+    table::restored,
+};
+use agv_nav::core::{
+    compute::{Par, Seed},
+    geometry::Se2,
+    nalgebra::Matrix3,
+    odometry::OdometryIncrement,
+    roles::{Correct, Localizer, PoseBelief, SkipReason, UpdateOutcome},
+};
+use agv_nav::filters::particle::{DifferentialOdometryModel, FreeSpace, Mcl, MclParams, OdometryNoise, WeighParticles};
 use serde_json::json;
 
 #[test]
@@ -15,14 +24,39 @@ fn a_resumed_filter_continues_with_the_same_bits() {
     let small = OdometryIncrement { start_from_end: Se2::new(0.03, 0.001, 0.02), ..*motion };
     uninterrupted.predict(&small).unwrap();
 
-    let text = serde_json::to_string(&uninterrupted.checkpoint()).unwrap();
-    let checkpoint: MclCheckpoint = serde_json::from_str(&text).unwrap();
     let mut resumed = scan_filter(10, Par::threads(2));
-    resumed.restore(&checkpoint).unwrap();
+    resumed.restore(&restored(&uninterrupted.checkpoint())).unwrap();
     assert!(filter_bits(&resumed) == filter_bits(&uninterrupted));
     localize(&mut uninterrupted, &drive[5..]);
     localize(&mut resumed, &drive[5..]);
     assert!(filter_bits(&resumed) == filter_bits(&uninterrupted));
+}
+
+/// A sensor that rules out all poses left of the start.
+#[derive(Clone)]
+struct Fence;
+
+impl WeighParticles<()> for Fence {
+    fn weigh(&mut self, (): &(), poses: &[Se2], log_likelihoods: &mut [f64], _: Par) -> Result<(), SkipReason> {
+        for (value, pose) in log_likelihoods.iter_mut().zip(poses) {
+            *value = if pose.x() < start().x() - 0.1 { f64::NEG_INFINITY } else { 0.0 };
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn particles_that_were_ruled_out_stay_so() {
+    let map = room();
+    let motion = DifferentialOdometryModel::new(OdometryNoise::default()).unwrap();
+    let new = || Mcl::new(motion, Fence, FreeSpace::new(&map).unwrap(), MclParams::default(), Seed(1)).unwrap();
+    let (mut filter, mut resumed) = (new(), new());
+    filter.initialize(&PoseBelief::around(start(), Matrix3::identity() * 0.04)).unwrap();
+    assert_eq!(filter.update(&()), Ok(UpdateOutcome::Applied));
+    resumed.restore(&restored(&filter.checkpoint())).unwrap();
+    assert!(filter.particles().log_weights().contains(&f64::NEG_INFINITY));
+    assert_eq!(resumed.particles().log_weights(), filter.particles().log_weights());
+    assert_eq!(resumed.estimate(), filter.estimate());
 }
 
 #[test]
