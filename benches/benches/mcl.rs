@@ -38,7 +38,7 @@ fn scene() -> Scene {
     }
     // Rooms of 3 m, walls of one cell, seen from the middle of one.
     let layout = GridLayout::new(665, 662, 0.05, Se2::new(-12.5, -25.15, 0.0)).expect("layout");
-    let is_wall = |index: usize| index % 665 % 60 == 0 || index / 665 % 60 == 0;
+    let is_wall = |index: usize| (index % 665).is_multiple_of(60) || (index / 665).is_multiple_of(60);
     let states = (0..layout.len()).map(|i| if is_wall(i) { CellState::Occupied } else { CellState::Free }).collect();
     let map = Grid::new(layout, states).expect("map");
     let geometry = ScanGeometry {

@@ -1,11 +1,13 @@
 //! Small worlds that the acceptance tests share.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
+use agv_nav::core::nalgebra::Matrix3;
 use agv_nav::core::{
     compute::{Par, Seed},
     geometry::{LieGroup, Se2, Twist2},
     grid::{Cell, CellState, Grid, GridLayout, LikelihoodField, LikelihoodFieldParams},
     odometry::OdometryIncrement,
+    roles::{Correct, Localizer, PoseBelief, UpdateOutcome},
     sensors::{LaserScan, ScanGeometry},
     time::Stamp,
 };
@@ -42,6 +44,50 @@ pub(crate) fn scan_filter(particles: usize, par: Par) -> ScanFilter {
     let params = MclParams { particles, ..Default::default() };
     let free_space = FreeSpace::new(&map).unwrap();
     Mcl::new(motion, sensor, free_space, params, Seed(7)).unwrap().with_parallelism(par)
+}
+
+/// The same with a belief around the start of [`circle`].
+pub(crate) fn initialized(particles: usize, par: Par) -> ScanFilter {
+    let mut filter = scan_filter(particles, par);
+    filter.initialize(&PoseBelief::around(start(), Matrix3::identity() * 0.04)).unwrap();
+    filter
+}
+
+/// Localises along [`circle`], and says whether the particles were resampled.
+pub(crate) fn localize(filter: &mut ScanFilter, steps: &[(OdometryIncrement, LaserScan)]) -> bool {
+    let mut resampled = false;
+    for (motion, scan) in steps {
+        filter.predict(motion).unwrap();
+        assert_eq!(filter.update(scan), Ok(UpdateOutcome::Applied));
+        std::hint::black_box(filter.estimate());
+        resampled |= filter.diagnostics().resampled;
+    }
+    resampled
+}
+
+/// Particles, weights and estimate of a filter.
+pub(crate) fn filter_bits(filter: &ScanFilter) -> Vec<u64> {
+    let estimate = filter.estimate();
+    let pose = |p: &Se2| [p.x(), p.y(), p.rotation().cos(), p.rotation().sin()];
+    let particles = filter.particles().poses().iter().flat_map(pose);
+    let weights = filter.particles().weights().iter().chain(filter.particles().log_weights()).copied();
+    let mean = pose(&estimate.map_from_base).into_iter().chain(estimate.covariance.iter().copied());
+    particles.chain(weights).chain(mean).map(f64::to_bits).collect()
+}
+
+/// A map with one cell in forty occupied and one in thirty unknown, by a generator of integers of its own.
+pub(crate) fn cluttered(width: usize, height: usize) -> Grid<CellState> {
+    let mut state = 1_u64;
+    let cells = (0..width * height).map(|_| {
+        state = state.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        match state >> 33 {
+            n if n % 40 == 0 => CellState::Occupied,
+            n if n % 30 == 1 => CellState::Unknown,
+            _ => CellState::Free,
+        }
+    });
+    let cells = cells.collect();
+    Grid::new(GridLayout::new(width, height, 0.05, Se2::new(-3.0, 2.0, 0.0)).unwrap(), cells).unwrap()
 }
 
 /// A circle in the room: odometry and scan of each step, by marching along the beams.

@@ -47,14 +47,15 @@ pub struct PidParams {
     pub output_min: f64,
     /// Greatest output.
     pub output_max: f64,
-    /// Greatest change of the output per second; infinite for none.
+    /// Greatest change of the output per second.
     pub output_rate: f64,
     /// What keeps the integral in bounds.
     pub anti_windup: AntiWindup,
 }
 
 impl Default for PidParams {
-    /// A proportional controller of gain one without limits: the start of every tuning.
+    /// A proportional controller of gain one without limits: the start of every tuning. No limit is the greatest number
+    /// rather than infinity, which texts cannot store.
     fn default() -> Self {
         Self {
             proportional: 1.0,
@@ -64,7 +65,7 @@ impl Default for PidParams {
             set_point_weight: 1.0,
             output_min: f64::MIN,
             output_max: f64::MAX,
-            output_rate: f64::INFINITY,
+            output_rate: f64::MAX,
             anti_windup: AntiWindup::Clamping,
         }
     }
@@ -131,9 +132,7 @@ impl Pid {
         check::in_range("set_point_weight", params.set_point_weight, 0.0, 1.0)?;
         check::finite("output_max", params.output_max)?;
         check::in_range("output_min", params.output_min, f64::MIN, params.output_max)?;
-        if params.output_rate != f64::INFINITY {
-            check::positive("output_rate", params.output_rate)?;
-        }
+        check::positive("output_rate", params.output_rate)?;
         if let AntiWindup::BackCalculation { tracking_time } = params.anti_windup {
             check::positive("tracking_time", tracking_time)?;
         }
@@ -275,6 +274,7 @@ mod tests {
             ("output_min", PidParams { output_min: 1.0, output_max: 0.0, ..full() }),
             ("output_max", PidParams { output_max: f64::NAN, ..full() }),
             ("output_rate", PidParams { output_rate: 0.0, ..full() }),
+            ("output_rate", PidParams { output_rate: f64::INFINITY, ..full() }),
             ("tracking_time", PidParams { anti_windup: AntiWindup::BackCalculation { tracking_time: 0.0 }, ..full() }),
         ] {
             let error = Pid::new(params).unwrap_err();

@@ -41,6 +41,8 @@ pub mod path;
 pub mod roles;
 pub mod sensors;
 pub mod solve;
+#[cfg(feature = "serde")]
+mod stored_readings;
 pub mod time;
 
 pub use error::Error;

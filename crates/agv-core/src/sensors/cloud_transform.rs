@@ -47,6 +47,13 @@ impl PointCloud {
 
     /// Makes this cloud equal to `other`, reusing the memory.
     pub fn copy_from(&mut self, other: &Self) {
+        self.copy_without_time(other);
+        self.time.clone_from(&other.time);
+    }
+
+    /// As [`copy_from`](Self::copy_from), but leaves the time channel as it is: one that is dropped afterwards would be
+    /// allocated anew every time.
+    pub(super) fn copy_without_time(&mut self, other: &Self) {
         self.stamp = other.stamp;
         self.base_from_sensor = other.base_from_sensor;
         self.x.clone_from(&other.x);
@@ -54,7 +61,6 @@ impl PointCloud {
         self.z.clone_from(&other.z);
         self.intensity.clone_from(&other.intensity);
         self.ring.clone_from(&other.ring);
-        self.time.clone_from(&other.time);
     }
 }
 

@@ -77,7 +77,7 @@ impl Deskew {
     /// ring are kept, the time channel is dropped. A cloud without times is taken at its stamp; a point whose time is
     /// not finite becomes NaN. Points that share a time (one firing of all lines) share the work.
     pub fn cloud_into(cloud: &PointCloud, motion: &impl BodyMotion<Se3>, out: &mut PointCloud) {
-        out.copy_from(cloud);
+        out.copy_without_time(cloud);
         out.time = None;
         out.stamp = motion.reference();
         let offset = cloud.stamp - motion.reference();

@@ -91,6 +91,7 @@ pub enum Beam {
 pub struct LaserScan {
     stamp: Stamp,
     geometry: ScanGeometry,
+    #[cfg_attr(feature = "serde", serde(with = "crate::stored_readings"))]
     ranges: Vec<f32>,
 }
 
@@ -99,6 +100,7 @@ pub struct LaserScan {
 struct RawScan {
     stamp: Stamp,
     geometry: ScanGeometry,
+    #[serde(with = "crate::stored_readings")]
     ranges: Vec<f32>,
 }
 

@@ -57,11 +57,16 @@ pub struct LidarReturn {
 pub struct PointCloud {
     pub(super) stamp: Stamp,
     pub(super) base_from_sensor: Se3,
+    #[cfg_attr(feature = "serde", serde(with = "crate::stored_readings"))]
     pub(super) x: Vec<f32>,
+    #[cfg_attr(feature = "serde", serde(with = "crate::stored_readings"))]
     pub(super) y: Vec<f32>,
+    #[cfg_attr(feature = "serde", serde(with = "crate::stored_readings"))]
     pub(super) z: Vec<f32>,
+    #[cfg_attr(feature = "serde", serde(with = "crate::stored_readings::optional"))]
     pub(super) intensity: Option<Vec<f32>>,
     pub(super) ring: Option<Vec<u16>>,
+    #[cfg_attr(feature = "serde", serde(with = "crate::stored_readings::optional"))]
     pub(super) time: Option<Vec<f32>>,
 }
 
@@ -70,11 +75,16 @@ pub struct PointCloud {
 struct RawCloud {
     stamp: Stamp,
     base_from_sensor: Se3,
+    #[serde(with = "crate::stored_readings")]
     x: Vec<f32>,
+    #[serde(with = "crate::stored_readings")]
     y: Vec<f32>,
+    #[serde(with = "crate::stored_readings")]
     z: Vec<f32>,
+    #[serde(default, with = "crate::stored_readings::optional")]
     intensity: Option<Vec<f32>>,
     ring: Option<Vec<u16>>,
+    #[serde(default, with = "crate::stored_readings::optional")]
     time: Option<Vec<f32>>,
 }
 

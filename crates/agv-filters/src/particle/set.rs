@@ -125,8 +125,20 @@ impl ParticleSet {
         &self.log_weights
     }
 
-    pub(super) fn poses_mut(&mut self) -> &mut [Se2] {
-        &mut self.poses
+    /// Writes spare poses with `fill(index of chunk, poses, spare poses)`.
+    pub(super) fn fill_spare(&mut self, par: Par, fill: impl Fn(usize, &[Se2], &mut [Se2]) + Sync) {
+        let pairs = (self.poses.as_slice(), self.spare.as_mut_slice());
+        par.for_each_chunk(pairs, CHUNK, |chunk, (poses, spare): (&[Se2], &mut [Se2])| fill(chunk, poses, spare));
+    }
+
+    /// The spare poses, as they were written last.
+    pub(super) fn spare(&self) -> &[Se2] {
+        &self.spare
+    }
+
+    /// Makes the spare poses the set's; weights stay.
+    pub(super) fn adopt_spare(&mut self) {
+        std::mem::swap(&mut self.poses, &mut self.spare);
     }
 
     /// Sets the weights as a checkpoint had them, bit for bit.

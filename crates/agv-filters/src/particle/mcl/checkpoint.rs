@@ -2,10 +2,7 @@
 
 use super::filter::{Belief, Mcl, MclDiagnostics};
 use crate::particle::ParticleSet;
-use agv_core::{
-    Error, check, compute::Seed, geometry::Se2, odometry::OdometryIncrement, roles::PoseEstimate, time::Stamp,
-};
-use nalgebra::{Matrix3, UnitComplex, Vector2};
+use agv_core::{Error, check, compute::Seed, geometry::Se2, odometry::OdometryIncrement, roles::PoseEstimate};
 
 /// All of a filter that changes as it runs: particles, weights, seed and step, pending odometry, diagnostics.
 ///
@@ -18,35 +15,13 @@ pub struct MclCheckpoint {
     step: u64,
     initialized: bool,
     due: bool,
-    poses: Vec<RawPose>,
-    log_weights: Vec<f64>,
+    poses: Vec<Se2>,
+    /// None for a particle that an observation ruled out: texts have no number for −∞.
+    log_weights: Vec<Option<f64>>,
     weights: Vec<f64>,
-    pending: Option<RawIncrement>,
-    moments: Option<(RawPose, Matrix3<f64>)>,
+    pending: Option<OdometryIncrement>,
+    moments: Option<PoseEstimate<Se2>>,
     diagnostics: MclDiagnostics,
-}
-
-/// x, y, cosine and sine: an angle would not bring back the same bits.
-type RawPose = [f64; 4];
-
-/// An odometry increment, field by field.
-#[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
-struct RawIncrement {
-    start: Stamp,
-    end: Stamp,
-    start_from_end: RawPose,
-    covariance: Matrix3<f64>,
-}
-
-fn to_raw(pose: &Se2) -> RawPose {
-    [pose.x(), pose.y(), pose.rotation().cos(), pose.rotation().sin()]
-}
-
-fn from_raw(raw: &RawPose) -> Result<Se2, Error> {
-    let [x, y, cos, sin] = *raw;
-    check::all_finite("pose", raw)?;
-    check::in_range("cos² + sin²", cos * cos + sin * sin, 1.0 - 1e-6, 1.0 + 1e-6)?;
-    Ok(Se2::from_parts(Vector2::new(x, y), UnitComplex::from_cos_sin_unchecked(cos, sin).into()))
 }
 
 impl<M, S, R, P, U> Mcl<M, S, R, P, U> {
@@ -58,16 +33,11 @@ impl<M, S, R, P, U> Mcl<M, S, R, P, U> {
             step: *step,
             initialized: *initialized,
             due: *due,
-            poses: particles.poses().iter().map(to_raw).collect(),
-            log_weights: particles.log_weights().to_vec(),
+            poses: particles.poses().to_vec(),
+            log_weights: particles.log_weights().iter().map(|&w| (w > f64::NEG_INFINITY).then_some(w)).collect(),
             weights: particles.weights().to_vec(),
-            pending: pending.map(|motion| RawIncrement {
-                start: motion.start,
-                end: motion.end,
-                start_from_end: to_raw(&motion.start_from_end),
-                covariance: motion.covariance,
-            }),
-            moments: moments.map(|estimate| (to_raw(&estimate.map_from_base), estimate.covariance)),
+            pending: *pending,
+            moments: *moments,
             diagnostics: *diagnostics,
         }
     }
@@ -75,28 +45,24 @@ impl<M, S, R, P, U> Mcl<M, S, R, P, U> {
     /// Puts the filter into a stored state; number of particles and seed become those of the checkpoint.
     ///
     /// # Errors
-    /// A number that is not finite, a rotation that is not one, or weights that do not sum to one; the filter is then
-    /// as it was.
+    /// No particles or too many, a covariance that is not finite, or weights that do not sum to one; the filter is then as
+    /// it was.
     pub fn restore(&mut self, checkpoint: &MclCheckpoint) -> Result<(), Error> {
-        let poses: Vec<Se2> = checkpoint.poses.iter().map(from_raw).collect::<Result<_, _>>()?;
-        let mut particles = ParticleSet::new(poses)?;
-        particles.restore_weights(&checkpoint.log_weights, &checkpoint.weights)?;
-        let restore_motion = |raw: &RawIncrement| {
-            check::all_finite("odometry covariance", raw.covariance.iter())?;
-            let start_from_end = from_raw(&raw.start_from_end)?;
-            Ok(OdometryIncrement { start: raw.start, end: raw.end, start_from_end, covariance: raw.covariance })
-        };
-        let restore_moments = |(raw, covariance): &(RawPose, Matrix3<f64>)| {
+        let MclCheckpoint { pending, moments, .. } = checkpoint;
+        let mut particles = ParticleSet::new(checkpoint.poses.clone())?;
+        let log_weights: Vec<f64> = checkpoint.log_weights.iter().map(|w| w.unwrap_or(f64::NEG_INFINITY)).collect();
+        particles.restore_weights(&log_weights, &checkpoint.weights)?;
+        let covariances = [pending.map(|motion| motion.covariance), moments.map(|estimate| estimate.covariance)];
+        for covariance in covariances.iter().flatten() {
             check::all_finite("covariance", covariance.iter())?;
-            Ok::<_, Error>(PoseEstimate { map_from_base: from_raw(raw)?, covariance: *covariance })
-        };
+        }
         let belief = Belief {
             particles,
             initialized: checkpoint.initialized,
             step: checkpoint.step,
-            pending: checkpoint.pending.as_ref().map(restore_motion).transpose()?,
+            pending: *pending,
             due: checkpoint.due,
-            moments: checkpoint.moments.as_ref().map(restore_moments).transpose()?,
+            moments: *moments,
             diagnostics: checkpoint.diagnostics,
         };
         self.log_likelihoods.resize(belief.particles.len(), 0.0);

@@ -6,7 +6,7 @@ use crate::particle::{
 };
 use agv_core::{
     Error,
-    compute::{CHUNK, Par, Seed},
+    compute::{Par, Seed},
     geometry::{LieGroup, Se2},
     odometry::OdometryIncrement,
     roles::{PoseEstimate, SkipReason, UpdateOutcome},
@@ -255,16 +255,30 @@ where
 {
     /// Moves every particle by a draw of the pending motion.
     pub(super) fn propagate(&mut self) {
+        if self.draw_motion() {
+            self.adopt_motion();
+        }
+    }
+
+    /// Writes where a draw of the pending motion takes the particles to their spare poses; false if none is pending.
+    fn draw_motion(&mut self) -> bool {
         let seed = self.seed_for(Draw::Motion);
-        let Some(motion) = self.belief.pending.take() else { return };
+        let Some(motion) = &self.belief.pending else { return false };
         let step = self.belief.step;
-        let sample = self.motion.condition(&motion);
-        self.par.for_each_chunk(self.belief.particles.poses_mut(), CHUNK, |chunk, poses: &mut [Se2]| {
+        let sample = self.motion.condition(motion);
+        self.belief.particles.fill_spare(self.par, |chunk, poses, moved| {
             let mut stream = seed.stream(step, chunk as u64);
-            for pose in poses {
-                *pose = sample(pose, &mut stream);
+            for (moved, pose) in moved.iter_mut().zip(poses) {
+                *moved = sample(pose, &mut stream);
             }
         });
+        true
+    }
+
+    /// Makes the spare poses that [`draw_motion`](Self::draw_motion) wrote the particles'.
+    fn adopt_motion(&mut self) {
+        self.belief.particles.adopt_spare();
+        self.belief.pending = None;
         self.belief.step += 1;
         self.belief.moments = None;
     }
@@ -280,15 +294,20 @@ where
         if !self.belief.due {
             return UpdateOutcome::Skipped(SkipReason::LittleMotion);
         }
-        self.propagate();
-        let seed = self.seed_for(Draw::Resampling);
-        let Belief { particles, step, due, moments, diagnostics, .. } = &mut self.belief;
-        if let Err(reason) = self.sensor.weigh(observation, particles.poses(), &mut self.log_likelihoods, self.par) {
+        let moved = self.draw_motion();
+        let particles = &mut self.belief.particles;
+        let poses = if moved { particles.spare() } else { particles.poses() };
+        if let Err(reason) = self.sensor.weigh(observation, poses, &mut self.log_likelihoods, self.par) {
             return UpdateOutcome::Skipped(reason);
         }
         let Some(weights) = particles.reweigh(&self.log_likelihoods, self.par) else {
             return UpdateOutcome::Skipped(SkipReason::Unexplained);
         };
+        if moved {
+            self.adopt_motion();
+        }
+        let seed = self.seed_for(Draw::Resampling);
+        let Belief { particles, step, due, moments, diagnostics, .. } = &mut self.belief;
         // Before resampling, which adds variance and no knowledge.
         *moments = Some(particles.estimate(self.par));
         let resampled = self.resample_policy.is_due(&weights, particles.len());

@@ -1,0 +1,15 @@
+//! After warm-up, updates allocate nothing on the heap: a counting allocator proves it.
+//!
+//! A component is added by a test in the file of its subject: warm it up, then `counter::count` around its updates.
+
+mod counter;
+mod frames_and_solvers;
+mod grids;
+mod localization;
+mod mapping;
+mod planning;
+#[path = "../scenes/mod.rs"]
+mod scenes;
+mod sensors;
+mod simulation;
+mod tracking;

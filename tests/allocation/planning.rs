@@ -1,0 +1,90 @@
+//! Grid planners and what shortens their paths.
+
+use crate::{counter, scenes};
+use agv_nav::core::{
+    geometry::Se2,
+    grid::{Cell, CellState, Costmap, Inflation, InflationParams},
+    path::Path,
+    roles::{GlobalPlanner, PlanOutcome},
+};
+use agv_nav::plan::{
+    grid::{AStar, AStarParams, Components, Connectivity, Dijkstra, DijkstraParams, GridParams, GridSpace, Potential},
+    smooth::{KeyNodes, KeyNodesParams},
+};
+
+/// The room inflated, and the same with another pillar.
+fn costmaps() -> [Costmap; 2] {
+    let mut changed = scenes::room();
+    changed.set(Cell::new(90, 50), CellState::Occupied);
+    let mut inflation = Inflation::new(InflationParams::default()).unwrap();
+    [scenes::room(), changed].map(|map| inflation.inflate(&map).unwrap())
+}
+
+fn corners() -> [Se2; 2] {
+    [Se2::new(0.6, 0.6, 0.0), Se2::new(7.4, 4.4, 0.0)]
+}
+
+fn grids() -> impl Iterator<Item = GridParams> {
+    let of = |(connectivity, cost_weight)| GridParams { connectivity, cost_weight, ..Default::default() };
+    [(Connectivity::Eight, 0.0), (Connectivity::Four, 0.0), (Connectivity::Eight, 2.0)].into_iter().map(of)
+}
+
+#[test]
+fn grid_planners() {
+    let costmaps = costmaps();
+    for grid in grids() {
+        let planners: [Box<dyn GlobalPlanner>; 2] = [
+            Box::new(AStar::new(AStarParams { grid, ..Default::default() }).unwrap()),
+            Box::new(Dijkstra::new(DijkstraParams { grid, ..Default::default() }).unwrap()),
+        ];
+        for mut planner in planners {
+            let mut path = Path::new();
+            let mut run = |costmap: &Costmap, start: &Se2, goal: &Se2| {
+                let outcome = planner.plan_into(costmap, start, goal, &mut path);
+                assert!(matches!(outcome, Ok(PlanOutcome::Found { .. })), "{outcome:?}");
+            };
+            // Both maps, both ways: the open list and the path have had their sizes.
+            let [start, goal] = corners();
+            let mut round = || {
+                for costmap in &costmaps {
+                    run(costmap, &start, &goal);
+                    run(costmap, &goal, &start);
+                }
+            };
+            round();
+            assert_eq!(counter::count(round), 0, "{grid:?}");
+        }
+    }
+}
+
+#[test]
+fn potential_and_components() {
+    let costmaps = costmaps();
+    for grid in grids() {
+        let mut space = GridSpace::new(grid).unwrap();
+        let (mut potential, mut components) = (Potential::default(), Components::default());
+        let mut run = |costmap: &Costmap| {
+            space.update(costmap);
+            let goal = space.node(Cell::new(150, 90)).unwrap();
+            potential.compute(&space, goal).unwrap();
+            components.compute(&space);
+            assert!(potential.distance(space.node(Cell::new(12, 12)).unwrap()).is_some());
+        };
+        costmaps.iter().for_each(&mut run);
+        assert_eq!(counter::count(|| costmaps.iter().for_each(&mut run)), 0, "{grid:?}");
+    }
+}
+
+#[test]
+fn key_nodes() {
+    let [costmap, _] = costmaps();
+    let (mut path, mut short) = (Path::new(), Path::new());
+    let mut planner = AStar::new(AStarParams::default()).unwrap();
+    let [start, goal] = corners();
+    planner.plan_into(&costmap, &start, &goal, &mut path).unwrap();
+    let key_nodes = KeyNodes::new(KeyNodesParams::default()).unwrap();
+    let mut run = || key_nodes.shorten_into(&costmap, &path, &mut short).unwrap();
+    run();
+    assert_eq!(counter::count(run), 0);
+    assert!(short.len() < path.len());
+}

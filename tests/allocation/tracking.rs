@@ -1,0 +1,53 @@
+//! Controllers and path trackers.
+
+use crate::counter;
+use agv_nav::control::{
+    pid::{Pid, PidParams},
+    track::{PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams},
+};
+use agv_nav::core::{
+    geometry::Twist2,
+    kinematics::TwistLimits,
+    nalgebra::Vector2,
+    path::Path,
+    roles::{Controller, PathTracker, TrackStatus, VehicleState},
+};
+
+#[test]
+fn pid() {
+    let mut pid = Pid::new(PidParams { integral: 0.5, derivative: 0.1, ..Default::default() }).unwrap();
+    let count = counter::count(|| {
+        for k in 0..100 {
+            pid.update(1.0, 0.01 * f64::from(k), 0.01).unwrap();
+        }
+        pid.reset();
+    });
+    assert_eq!(count, 0);
+}
+
+#[test]
+fn trackers() {
+    let corner: Vec<_> = [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.5, 2.5)].map(|(x, y)| Vector2::new(x, y)).to_vec();
+    let (path, limits) = (Path::from_positions(&corner).unwrap(), TwistLimits::default());
+    let trackers: [Box<dyn PathTracker>; 2] = [
+        Box::new(PurePursuit::new(PurePursuitParams::default()).unwrap()),
+        Box::new(PidTracker::new(PidTrackerParams::default()).unwrap()),
+    ];
+    for mut tracker in trackers {
+        tracker.set_path(&path).unwrap();
+        let mut arrived = false;
+        let count = counter::count(|| {
+            // A path no longer than the last one needs no room either.
+            tracker.set_path(&path).unwrap();
+            let mut state = VehicleState { map_from_base: path.points()[0].pose, twist: Twist2::ZERO };
+            for _ in 0..1000 {
+                let command = tracker.command(&state, &limits, 0.05).unwrap();
+                state.twist = command.twist;
+                state.map_from_base = state.map_from_base * command.twist.integrate(0.05);
+                arrived |= command.status == TrackStatus::Arrived;
+            }
+        });
+        assert_eq!(count, 0);
+        assert!(arrived);
+    }
+}

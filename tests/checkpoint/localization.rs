@@ -1,0 +1,87 @@
+//! Filters.
+
+use crate::{
+    scenes::{circle, filter_bits, initialized, localize, room, scan_filter, start},
+    table::restored,
+};
+use agv_nav::core::{
+    compute::{Par, Seed},
+    geometry::Se2,
+    nalgebra::Matrix3,
+    odometry::OdometryIncrement,
+    roles::{Correct, Localizer, PoseBelief, SkipReason, UpdateOutcome},
+};
+use agv_nav::filters::particle::{DifferentialOdometryModel, FreeSpace, Mcl, MclParams, OdometryNoise, WeighParticles};
+use serde_json::json;
+
+#[test]
+fn a_resumed_filter_continues_with_the_same_bits() {
+    let drive = circle(12);
+    let mut uninterrupted = initialized(1000, Par::Seq);
+    localize(&mut uninterrupted, &drive[..5]);
+    // Odometry that is pending must survive as well.
+    let (motion, _) = &drive[0];
+    let small = OdometryIncrement { start_from_end: Se2::new(0.03, 0.001, 0.02), ..*motion };
+    uninterrupted.predict(&small).unwrap();
+
+    let mut resumed = scan_filter(10, Par::threads(2));
+    resumed.restore(&restored(&uninterrupted.checkpoint())).unwrap();
+    assert!(filter_bits(&resumed) == filter_bits(&uninterrupted));
+    localize(&mut uninterrupted, &drive[5..]);
+    localize(&mut resumed, &drive[5..]);
+    assert!(filter_bits(&resumed) == filter_bits(&uninterrupted));
+}
+
+/// A sensor that rules out all poses left of the start.
+#[derive(Clone)]
+struct Fence;
+
+impl WeighParticles<()> for Fence {
+    fn weigh(&mut self, (): &(), poses: &[Se2], log_likelihoods: &mut [f64], _: Par) -> Result<(), SkipReason> {
+        for (value, pose) in log_likelihoods.iter_mut().zip(poses) {
+            *value = if pose.x() < start().x() - 0.1 { f64::NEG_INFINITY } else { 0.0 };
+        }
+        Ok(())
+    }
+}
+
+#[test]
+fn particles_that_were_ruled_out_stay_so() {
+    let map = room();
+    let motion = DifferentialOdometryModel::new(OdometryNoise::default()).unwrap();
+    let new = || Mcl::new(motion, Fence, FreeSpace::new(&map).unwrap(), MclParams::default(), Seed(1)).unwrap();
+    let (mut filter, mut resumed) = (new(), new());
+    filter.initialize(&PoseBelief::around(start(), Matrix3::identity() * 0.04)).unwrap();
+    assert_eq!(filter.update(&()), Ok(UpdateOutcome::Applied));
+    resumed.restore(&restored(&filter.checkpoint())).unwrap();
+    assert!(filter.particles().log_weights().contains(&f64::NEG_INFINITY));
+    assert_eq!(resumed.particles().log_weights(), filter.particles().log_weights());
+    assert_eq!(resumed.estimate(), filter.estimate());
+}
+
+#[test]
+fn a_spoilt_checkpoint_is_refused_and_changes_nothing() {
+    let mut filter = initialized(50, Par::Seq);
+    localize(&mut filter, &circle(1));
+    let before = filter_bits(&filter);
+    let good = serde_json::to_value(filter.checkpoint()).unwrap();
+    for (path, value) in [
+        ("/poses/3/translation/0", json!(null)),
+        ("/poses/3/rotation/cos", json!(7.0)),
+        ("/weights/3", json!(-0.5)),
+        ("/weights", json!([1.0])),
+        ("/log_weights/0", json!(1.0)),
+        ("/poses", json!([])),
+        ("/moments/covariance/0", json!(null)),
+    ] {
+        let mut spoilt = good.clone();
+        *spoilt.pointer_mut(path).unwrap() = value;
+        let restored = serde_json::from_value(spoilt).is_ok_and(|checkpoint| filter.restore(&checkpoint).is_ok());
+        assert!(!restored, "{path}");
+        assert!(filter_bits(&filter) == before, "{path}");
+    }
+    // Another position is a valid state: the check must not be stricter than the filter.
+    let mut moved = good;
+    *moved.pointer_mut("/poses/3/translation/0").unwrap() = json!(5.0);
+    scan_filter(1, Par::Seq).restore(&serde_json::from_value(moved).unwrap()).unwrap();
+}

@@ -1,0 +1,13 @@
+//! Whatever claims `serde` comes back from a text with the same bits, and a spoilt text is refused.
+//!
+//! A type is added by a line in the table of its subject.
+
+mod grids;
+mod localization;
+mod params;
+mod sensors;
+mod states;
+mod table;
+
+#[path = "../scenes/mod.rs"]
+mod scenes;

@@ -1,0 +1,39 @@
+//! Filters.
+
+use crate::{
+    digest::{Digest, assert_same_bits},
+    scenes::{circle, filter_bits, initialized, localize, scan_filter},
+};
+use agv_nav::core::{
+    compute::Par,
+    roles::{Localizer, PoseBelief},
+};
+
+#[test]
+fn monte_carlo_localisation_does_not_depend_on_threads() {
+    let drive = circle(12);
+    // Not a multiple of the chunk, and several chunks per thread.
+    assert_same_bits("Mcl around a pose", |par| {
+        let mut filter = initialized(3001, par);
+        assert!(localize(&mut filter, &drive), "the drive must exercise resampling");
+        Digest::new().bits(filter_bits(&filter))
+    });
+    assert_same_bits("Mcl from anywhere", |par| {
+        let mut filter = scan_filter(5000, par);
+        filter.initialize(&PoseBelief::Anywhere).unwrap();
+        localize(&mut filter, &drive[..4]);
+        Digest::new().bits(filter_bits(&filter))
+    });
+}
+
+#[test]
+fn the_same_run_twice_is_the_same() {
+    let drive = circle(3);
+    let run = |particles| {
+        let mut filter = initialized(particles, Par::Seq);
+        localize(&mut filter, &drive);
+        filter_bits(&filter)
+    };
+    assert_eq!(run(600), run(600));
+    assert_ne!(run(600), run(601));
+}
