@@ -64,6 +64,21 @@ fn a_vehicle_that_faces_away_turns_first() {
 }
 
 #[test]
+fn a_vehicle_beside_the_end_has_not_arrived() {
+    for (name, mut tracker) in trackers() {
+        for (x, y) in [(9.0, 0.0), (4.0, 0.5), (4.5, 0.0)] {
+            tracker.set_path(&path(&[(0.0, 0.0), (3.0, 0.0), (4.0, 0.0)])).unwrap();
+            let state = VehicleState { map_from_base: Se2::new(x, y, 0.0), twist: Twist2::ZERO };
+            // The progress is searched a little ahead only: as many calls as it takes to come to the end.
+            let statuses: Vec<_> =
+                (0..20).map(|_| tracker.command(&state, &TwistLimits::default(), 0.05).unwrap().status).collect();
+            assert!(statuses.iter().all(|s| *s != TrackStatus::Arrived), "{name} at ({x}, {y}): {statuses:?}");
+            assert_eq!(statuses.last(), Some(&TrackStatus::OffPath), "{name} at ({x}, {y})");
+        }
+    }
+}
+
+#[test]
 fn a_cusp_is_driven_in_both_gears() {
     let mut path = Path::new();
     for (x, y, gear) in [(0.0, 0.0, Gear::Forward), (2.0, 0.0, Gear::Forward), (1.0, 0.0, Gear::Reverse)] {
@@ -101,7 +116,7 @@ fn trackers_hold_the_path_against_noise_and_lag() {
             let mut noise = Seed(seed).stream(0, 0);
             let start = path.points()[0].pose;
             let (mut pose, mut twist, mut command) = (start, Twist2::ZERO, Twist2::ZERO);
-            let (mut square, mut cycles, mut arrived) = (0.0, 0.0, false);
+            let (mut square, mut worst, mut cycles, mut arrived) = (0.0, 0.0_f64, 0.0, false);
             for _ in 0..10_000 {
                 let measured = Se2::new(
                     pose.x() + position_noise.sample(&mut noise),
@@ -110,13 +125,17 @@ fn trackers_hold_the_path_against_noise_and_lag() {
                 );
                 let reply =
                     tracker.command(&VehicleState { map_from_base: measured, twist: command }, &limits, dt).unwrap();
-                assert_ne!(reply.status, TrackStatus::OffPath, "{name}");
+                assert_ne!(reply.status, TrackStatus::OffPath, "{name} {reply:?} {pose:?} {seed}");
                 command = reply.twist;
                 let blend = 1.0 - (-dt / lag).exp();
                 twist.vx += (command.vx - twist.vx) * blend;
                 twist.yaw_rate += (command.yaw_rate - twist.yaw_rate) * blend;
                 pose = pose * Twist2::new(twist.vx, 0.0, twist.yaw_rate * slip).integrate(dt);
-                square += reply.cross_track_error.powi(2);
+                // The true pose against the curve, not what the tracker says of the noisy one.
+                let nearest = path.points().iter().map(|p| (p.pose.translation() - pose.translation()).norm());
+                let error = nearest.fold(f64::INFINITY, f64::min);
+                square += error * error;
+                worst = worst.max(error);
                 cycles += 1.0;
                 arrived = reply.status == TrackStatus::Arrived;
                 if arrived {
@@ -124,7 +143,7 @@ fn trackers_hold_the_path_against_noise_and_lag() {
                 }
             }
             let rmse = f64::sqrt(square / cycles);
-            assert!(arrived && rmse < 0.05, "{name}: arrived {arrived}, rmse {rmse} m");
+            assert!(arrived && rmse < 0.03 && worst < 0.1, "{name}: arrived {arrived}, rmse {rmse} m, worst {worst} m");
         }
     }
 }

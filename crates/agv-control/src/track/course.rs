@@ -12,7 +12,7 @@ use nalgebra::Vector2;
 pub struct Projection {
     /// Arc length of the nearest point, in metres from the beginning of the course.
     pub arc_length: f64,
-    /// Distance of the vehicle to the left of the direction of travel, in metres.
+    /// Distance of the vehicle from the nearest point, in metres; positive to the left of the direction of travel.
     pub cross_track: f64,
     /// Direction of travel there, in radians, in the map frame.
     pub direction: f64,
@@ -153,12 +153,11 @@ impl Course {
         let length = along.norm();
         self.progress = self.arc_lengths[segment] + fraction * length;
         let offset = position - self.vertices[segment];
-        // Signed distance to the segment's nearest point: beyond an end the perpendicular alone would be too short.
-        let side = (along.x * offset.y - along.y * offset.x) / length;
-        let distance = (offset - along * fraction).norm();
+        let side = along.x * offset.y - along.y * offset.x;
         Some(Projection {
             arc_length: self.progress,
-            cross_track: if fraction > 0.0 && fraction < 1.0 { side } else { distance.min(side.abs()).copysign(side) },
+            // The distance to the nearest point, so that beyond a corner or the end nothing is understated.
+            cross_track: (offset - along * fraction).norm().copysign(side),
             direction: along.y.atan2(along.x),
         })
     }
@@ -310,6 +309,21 @@ mod tests {
             course.set(&Path::from_positions(&positions).unwrap()).unwrap();
             let (_, middle) = course.bends_ahead().nth(1000).unwrap();
             prop_assert!((middle.curvature * radius - 1.0).abs() < 0.05 && middle.change * radius < 0.2);
+        }
+
+        /// The error is the distance to the nearest point of the section, also beyond corners and ends.
+        #[test]
+        fn cross_track_is_the_distance(x in -2.0..8.0_f64, y in -3.0..6.0_f64) {
+            let corners = [(0.0, 0.0), (4.0, 0.0), (4.0, 3.0), (7.0, 3.0)];
+            let mut course = course(&corners);
+            let position = Vector2::new(x, y);
+            let projection = course.advance(&position, 100.0).unwrap();
+            // Brute force: ten thousand points along the corners.
+            let nearest = corners.windows(2).flat_map(|w| (0..=5000).map(move |i| {
+                let f = f64::from(i) / 5000.0;
+                Vector2::new(w[0].0 + f * (w[1].0 - w[0].0), w[0].1 + f * (w[1].1 - w[0].1))
+            })).map(|p| (p - position).norm()).fold(f64::INFINITY, f64::min);
+            prop_assert!((projection.cross_track.abs() - nearest).abs() < 1e-3);
         }
 
         /// Walking along the path, the projection moves with the walker.

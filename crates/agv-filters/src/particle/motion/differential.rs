@@ -15,19 +15,19 @@
 //! var rot2  = α1 rot2² + α2 trans²         θ' = θ + rot1^ + rot2^
 //! ```
 //!
-//! Driving backwards is a straight run and no turn by π: noise is scaled by the smaller of a turn and its supplement.
+//! Driving backwards is a straight run with a negative sign and no turn by π: of the two ways to take a motion apart,
+//! [`RotTransRot`] takes the one that turns less.
 
 use super::super::trig::sin_cos;
 use super::MotionModel;
 use agv_core::{
     Error, check,
     compute::Stream,
-    geometry::{LieGroup, Se2, So2, angle_difference},
-    odometry::OdometryIncrement,
+    geometry::{LieGroup, Se2, So2},
+    odometry::{OdometryIncrement, RotTransRot},
 };
 use nalgebra::{Matrix3, UnitComplex, Vector2, Vector3};
 use rand_distr::{Distribution, StandardNormal};
-use std::f64::consts::PI;
 
 /// How the variances of a motion grow with it. The order is α1 to α4 of the literature and of `nav2_amcl`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -100,15 +100,17 @@ impl From<DifferentialOdometryModel> for OdometryNoise {
     }
 }
 
-/// Below this run, in metres, the direction of the run says nothing and the turn is one turn.
-const LEAST_RUN: f64 = 1e-4;
+/// Below this run, in metres, its direction says nothing: a vehicle that turns on the spot drifts by millimetres, and must
+/// not be taken to have turned towards its drift and back. The value is `nav2_amcl`'s.
+const STANDING: f64 = 0.01;
 
 /// A motion taken apart, with the standard deviation of each part.
 #[derive(Debug, Clone, Copy)]
-struct TurnRunTurn {
-    first_turn: f64,
-    run: f64,
-    last_turn: f64,
+struct NoisyParts {
+    parts: RotTransRot,
+    /// Drift to the left of a standing vehicle, in metres, which no part holds.
+    drift: f64,
+    /// Standard deviations of the first turn, the run and the last turn.
     sigma: Vector3<f64>,
 }
 
@@ -130,20 +132,19 @@ impl DifferentialOdometryModel {
         &self.noise
     }
 
-    fn take_apart(&self, start_from_end: &Se2) -> TurnRunTurn {
-        let travel = start_from_end.translation();
-        let run = travel.norm();
-        let first_turn = if run < LEAST_RUN { 0.0 } else { travel.y.atan2(travel.x) };
-        let last_turn = angle_difference(start_from_end.yaw(), first_turn);
-        let squared_turn = |turn: f64| turn.abs().min(PI - turn.abs()).powi(2);
-        let (first, last, along) = (squared_turn(first_turn), squared_turn(last_turn), run * run);
+    fn take_apart(&self, start_from_end: &Se2) -> NoisyParts {
+        let parts = RotTransRot::from_motion_above(start_from_end, STANDING);
+        let standing = start_from_end.translation().norm() < STANDING;
+        let square = |value: f64| value * value;
+        let (first, last) = (square(parts.rotation1), square(parts.rotation2));
+        let along = start_from_end.translation().norm_squared();
         let OdometryNoise { turn_per_turn, turn_per_run, run_per_run, run_per_turn } = self.noise;
         let sigma = Vector3::new(
             (turn_per_turn * first + turn_per_run * along).sqrt(),
             (run_per_run * along + run_per_turn * (first + last)).sqrt(),
             (turn_per_turn * last + turn_per_run * along).sqrt(),
         );
-        TurnRunTurn { first_turn, run, last_turn, sigma }
+        NoisyParts { parts, drift: if standing { start_from_end.y() } else { 0.0 }, sigma }
     }
 }
 
@@ -151,22 +152,21 @@ impl MotionModel for DifferentialOdometryModel {
     type Motion = OdometryIncrement;
 
     fn condition<'a>(&'a self, motion: &'a OdometryIncrement) -> impl Fn(&Se2, &mut Stream) -> Se2 + Sync + 'a {
-        let TurnRunTurn { first_turn, run, last_turn, sigma } = self.take_apart(&motion.start_from_end);
+        let NoisyParts { parts, drift, sigma } = self.take_apart(&motion.start_from_end);
         // The mean turns are composed as they are; only the noise, a small angle, needs a sine per particle.
-        let (first, last) = (So2::from_angle(first_turn), So2::from_angle(last_turn));
+        let (first, last) = (So2::from_angle(parts.rotation1), So2::from_angle(parts.rotation2));
         move |pose, stream| {
             let noise: [f64; 3] = std::array::from_fn(|_| StandardNormal.sample(stream));
             let heading = pose.rotation().compose(&first).compose(&small_turn(sigma.x * noise[0]));
-            let run = run + sigma.y * noise[1];
-            let travel = Vector2::new(run * heading.cos(), run * heading.sin());
+            let travel = heading.act(&Vector2::new(parts.translation + sigma.y * noise[1], drift));
             let rotation = heading.compose(&last).compose(&small_turn(sigma.z * noise[2]));
             Se2::from_parts(pose.translation() + travel, rotation)
         }
     }
 
     fn covariance(&self, motion: &OdometryIncrement) -> Matrix3<f64> {
-        let TurnRunTurn { run, last_turn, sigma, .. } = self.take_apart(&motion.start_from_end);
-        let (sin, cos) = last_turn.sin_cos();
+        let NoisyParts { parts, sigma, .. } = self.take_apart(&motion.start_from_end);
+        let (run, (sin, cos)) = (parts.translation, parts.rotation2.sin_cos());
         // Columns: how the end moves, in its own frame, with the first turn, the run and the last turn.
         let jacobian = Matrix3::new(run * sin, cos, 0.0, run * cos, -sin, 0.0, 1.0, 0.0, 1.0);
         jacobian * Matrix3::from_diagonal(&sigma.component_mul(&sigma)) * jacobian.transpose()
@@ -187,6 +187,18 @@ mod tests {
 
     fn motion(start_from_end: Se2) -> OdometryIncrement {
         OdometryIncrement::between(Stamp::default(), &Se2::identity(), Stamp::default(), &start_from_end).unwrap()
+    }
+
+    #[test]
+    fn a_turn_on_the_spot_is_one_turn_whatever_the_drift() {
+        let model = DifferentialOdometryModel::new(OdometryNoise::default()).unwrap();
+        let sigma = |x: f64, y: f64, yaw: f64| model.covariance(&motion(Se2::new(x, y, yaw)))[(2, 2)].sqrt();
+        let still = sigma(0.0, 0.0, 0.2);
+        for (x, y) in [(0.0015, 0.0), (0.0, 0.005), (-0.003, 0.004)] {
+            assert!((sigma(x, y, 0.2) / still - 1.0).abs() < 0.02, "{x} {y}: {}", sigma(x, y, 0.2));
+        }
+        let turns: Vec<f64> = (0..=31).map(|i| sigma(0.0, 0.0, 0.1 * f64::from(i))).collect();
+        assert!(turns.is_sorted(), "more turn, more noise: {turns:?}");
     }
 
     proptest! {
