@@ -44,3 +44,8 @@ pub use agv_plan as plan;
 
 pub use agv_core::nalgebra;
 pub use error::Error;
+
+/// The README's pipeline is compiled and run with the tests.
+#[cfg(all(doctest, feature = "filters", feature = "plan", feature = "control"))]
+#[doc = include_str!("../README.md")]
+struct Readme;
