@@ -33,8 +33,8 @@ const NONE: u32 = u32::MAX;
 /// A bucket per key modulo a power of two: push and pop take constant time (Dial 1969).
 ///
 /// Buckets are linked lists through one pool of slots, last in first out; two levels of bits find the next bucket that
-/// holds something. A key below the last one popped, or beyond the window, is moved to the window's edge, so that a
-/// heuristic that breaks its promise costs optimality and nothing worse.
+/// holds something. Keys beyond the window wait in a binary heap. A key below the last one popped is moved up to it, so
+/// that a heuristic that breaks its promise costs optimality and nothing worse.
 #[derive(Debug, Clone, Default)]
 pub struct BucketQueue {
     slots: Vec<Slot>,
@@ -47,6 +47,8 @@ pub struct BucketQueue {
     /// Least key that may come up next.
     cursor: u32,
     started: bool,
+    /// Entries whose keys lay beyond the window when they came.
+    beyond: HeapQueue,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -56,7 +58,7 @@ struct Slot {
 }
 
 impl BucketQueue {
-    /// Widest window of keys; a wider one is cut to this.
+    /// Widest window of keys that have buckets.
     pub const MAX_WINDOW: u32 = (1 << 20) - 1;
 
     /// First bucket at or after `bucket`, going round, that holds something.
@@ -108,6 +110,7 @@ impl OpenList for BucketQueue {
         self.free = NONE;
         self.cursor = 0;
         self.started = false;
+        self.beyond.reset(0, 0);
     }
 
     #[inline]
@@ -118,7 +121,10 @@ impl OpenList for BucketQueue {
             self.started = true;
         }
         let buckets = self.heads.len();
-        let ahead = (key.saturating_sub(self.cursor) as usize).min(buckets - 1);
+        let ahead = key.saturating_sub(self.cursor) as usize;
+        if ahead >= buckets {
+            return self.beyond.push(key, entry);
+        }
         let bucket = (self.cursor as usize).wrapping_add(ahead) & (buckets - 1);
         let slot = Slot { entry, next: self.heads[bucket] };
         let index = self.free;
@@ -139,10 +145,19 @@ impl OpenList for BucketQueue {
         let buckets = self.heads.len();
         let from = self.cursor as usize & buckets.wrapping_sub(1);
         if buckets == 0 {
-            return None;
+            return self.beyond.pop();
         }
-        let bucket = if self.heads[from] == NONE { self.next_occupied(from)? } else { from };
-        self.cursor += (bucket.wrapping_sub(from) & (buckets - 1)) as u32;
+        let bucket = if self.heads[from] == NONE { self.next_occupied(from) } else { Some(from) };
+        let ahead = bucket.map(|bucket| (bucket.wrapping_sub(from) & (buckets - 1)) as u32);
+        if let Some(key) = self.beyond.least_key()
+            && ahead.is_none_or(|ahead| key <= self.cursor + ahead)
+        {
+            // No bucket holds a lesser key, so all of them stay within the window of this one.
+            self.cursor = key;
+            return self.beyond.pop();
+        }
+        let bucket = bucket?;
+        self.cursor += ahead?;
         let index = self.heads[bucket];
         let Slot { entry, next } = self.slots[index as usize];
         self.heads[bucket] = next;
@@ -165,6 +180,13 @@ impl OpenList for BucketQueue {
 #[derive(Debug, Clone, Default)]
 pub struct HeapQueue {
     heap: BinaryHeap<(Reverse<u32>, u32, u32)>,
+}
+
+impl HeapQueue {
+    /// Least key that is waiting.
+    fn least_key(&self) -> Option<u32> {
+        self.heap.peek().map(|(Reverse(key), ..)| *key)
+    }
 }
 
 impl OpenList for HeapQueue {
@@ -190,17 +212,18 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Any sequence of pushes inside the window and pops gives the keys in the order that sorting gives, and every
+        /// Any sequence of pushes, inside the window and beyond it, and pops gives the keys in the order that sorting gives, and every
         /// entry comes back once; a reset in between leaves nothing behind.
         #[test]
         fn both_queues_pop_keys_in_order(
             steps in proptest::collection::vec((any::<bool>(), 0_u32..5000), 1..300),
             first in 0_u32..1_000_000,
+            window in 64_u32..6000,
         ) {
             let (mut buckets, mut heap) = (BucketQueue::default(), HeapQueue::default());
             for round in 0..2 {
-                buckets.reset(5000, 0);
-                heap.reset(5000, 0);
+                buckets.reset(window, 0);
+                heap.reset(window, 0);
                 let (mut open, mut last): (Vec<u32>, u32) = (Vec::new(), first);
                 for (node, (push, ahead)) in (0_u32..).zip(steps.iter().copied().chain([(false, 0); 40])) {
                     if push || node == 0 {
@@ -227,7 +250,7 @@ mod tests {
     }
 
     #[test]
-    fn keys_outside_the_window_are_moved_to_its_edge() {
+    fn keys_below_the_last_one_come_next() {
         let mut queue = BucketQueue::default();
         queue.reset(63, 4);
         queue.push(100, Entry { node: 0, cost: 0 });
@@ -235,7 +258,7 @@ mod tests {
         queue.push(10, Entry { node: 1, cost: 0 });
         queue.push(u32::MAX, Entry { node: 2, cost: 0 });
         assert_eq!(queue.pop().map(|(key, e)| (key, e.node)), Some((100, 1)));
-        assert_eq!(queue.pop().map(|(key, e)| (key, e.node)), Some((163, 2)));
+        assert_eq!(queue.pop().map(|(key, e)| (key, e.node)), Some((u32::MAX, 2)));
         assert_eq!(queue.pop(), None);
     }
 }
