@@ -4,9 +4,6 @@
 //! nanoseconds per expansion (each query's best of three); criterion then times a whole set, throughput in expansions.
 #![allow(missing_docs, reason = "criterion's macros declare a function")]
 
-#[path = "../../crates/agv-plan/tests/shared/movingai.rs"]
-mod movingai;
-
 use agv_core::geometry::Se2;
 use agv_core::grid::{Cell, CellState, Costmap, Grid, GridLayout};
 use agv_core::path::Path;
@@ -15,8 +12,8 @@ use agv_plan::grid::{
     AStar, AStarParams, GridParams, GridSpace, Heuristic, Limits, Octile, Offset, Potential, SearchEnd, Step,
     Workspace, Zero,
 };
+use agv_support::movingai::{Query, read_map, read_scenario};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use movingai::{Query, read_map, read_scenario};
 use std::{hint::black_box, path::PathBuf, time::Instant};
 
 struct Set {
@@ -32,8 +29,8 @@ fn sets() -> Vec<Set> {
     let mut sets: Vec<Set> = files
         .into_iter()
         .filter_map(|(name, map)| {
-            let costmap = read_map(&folder.join(format!("movingai/{map}.map.gz")))?;
-            let queries = read_scenario(&folder.join(format!("bench/{name}.scen.gz")))?;
+            let costmap = Costmap::from_map(&read_map(folder.join(format!("movingai/{map}.map.gz"))).ok()?);
+            let queries = read_scenario(folder.join(format!("bench/{name}.scen.gz"))).ok()?;
             Some(set(name, costmap, queries))
         })
         .collect();
@@ -57,15 +54,24 @@ fn synthetic() -> Set {
     let costmap = Costmap::from_map(&Grid::new(layout, (0..layout.len()).map(state).collect()).unwrap());
     let free: Vec<Cell> = (0..layout.len()).map(|i| layout.cell(i)).filter(|&c| !rack(c)).collect();
     let pick = |k: usize| free[k * 7919 % free.len()];
-    let queries = (0..200).map(|k| Query { start: pick(2 * k), goal: pick(2 * k + 1), optimum: f64::NAN }).collect();
+    let size = (layout.width(), layout.height());
+    let query = |k: usize| Query {
+        bucket: 0,
+        map: "synthetic".into(),
+        size,
+        start: pick(2 * k),
+        goal: pick(2 * k + 1),
+        optimal_length: f64::NAN,
+    };
+    let queries = (0..200).map(query).collect();
     let mut set = set("synthetic", costmap, queries);
     let mut workspace = Workspace::default();
     for i in 0..set.queries.len() {
-        let query = set.queries[i];
+        let query = set.queries[i].clone();
         search(&set.space, &mut workspace, &Zero, &query);
         let mut way = Vec::new();
         workspace.trace_into(&set.space.uniform(), set.space.node(query.goal).unwrap(), &mut way);
-        set.queries[i].optimum = set.space.path_cost(&way);
+        set.queries[i].optimal_length = set.space.path_cost(&way);
     }
     set
 }
@@ -171,7 +177,7 @@ fn bench(c: &mut Criterion) {
             expansions += expanded;
             let outcome = planner.plan_into(&set.costmap, &pose(query.start), &pose(query.goal), &mut path).unwrap();
             let PlanOutcome::Found { cost: metres, .. } = outcome else { panic!("{outcome:?}") };
-            assert!((metres - query.optimum).abs() < 1e-2, "{number}");
+            assert!((metres - query.optimal_length).abs() < 1e-2, "{number}");
             if number % 10 == 0 {
                 assert_eq!(peer(&set.space, query), Some(cost), "{number}");
             }

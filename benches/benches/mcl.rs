@@ -4,10 +4,6 @@
 //! Particles stand as in tracking: around the pose that the scan was taken from, 0.2 m and 0.1 rad wide. A full update is
 //! a prediction of 0.2 m, the weighing, the moments, and resampling when the effective sample size asks for it.
 
-#[allow(dead_code, reason = "only the map, a scan and its pose are used here")]
-#[path = "../../crates/agv-filters/tests/support/mod.rs"]
-mod support;
-
 use agv_core::{
     compute::{CHUNK, Par, Seed},
     geometry::{LieGroup, Se2},
@@ -21,6 +17,10 @@ use agv_filters::particle::{
     DifferentialOdometryModel, FreeSpace, LikelihoodFieldModel, LikelihoodFieldModelParams, Mcl, MclParams,
     MotionModel, OdometryNoise, ParticleSet, Resampler, Systematic, WeighParticles,
 };
+use agv_support::{
+    log::{ScanLog, csv},
+    map,
+};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
 use nalgebra::{Matrix3, Vector3};
 use std::{hint::black_box, time::Instant};
@@ -32,9 +32,12 @@ struct Scene {
 }
 
 fn scene() -> Scene {
-    if let Some(log) = support::intel_log() {
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/localization");
+    if let Ok(map) = map::read(folder.join("intel_map.yaml")) {
         let row = 6000;
-        return Scene { map: log.map, scan: log.scans[row].clone(), pose: log.reference[row] };
+        let scan = ScanLog::read(folder.join("intel_scans.csv.gz")).expect("log").entries[row].scan.clone();
+        let pose = csv::read_reference(folder.join("intel_reference.csv.gz")).expect("reference")[row].pose;
+        return Scene { map, scan, pose };
     }
     // Rooms of 3 m, walls of one cell, seen from the middle of one.
     let layout = GridLayout::new(665, 662, 0.05, Se2::new(-12.5, -25.15, 0.0)).expect("layout");

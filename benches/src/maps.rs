@@ -2,38 +2,17 @@
 
 use agv_core::geometry::Se2;
 use agv_core::grid::{Cell, CellState, Grid, GridLayout};
-use std::{fs::File, io::Read, path::Path};
+use std::path::Path;
 
 /// The `depot` map of Nav2 (604 x 307 cells of 5 cm), or, where it is not at hand, an office of the same size.
 ///
 /// The name says which of the two it is; benches print it as part of their group's name.
 pub fn depot_or_office() -> (&'static str, Grid<CellState>) {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/localization/depot.pgm.gz");
-    match read_pgm(&path) {
-        Some(map) => ("depot", map),
-        None => ("office", office(604, 307)),
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/localization/depot.yaml");
+    match agv_support::map::read(path) {
+        Ok(map) => ("depot", map),
+        Err(_) => ("office", office(604, 307)),
     }
-}
-
-/// A grey map with the thresholds of the depot's description: dark is occupied, everything lighter free.
-fn read_pgm(path: &Path) -> Option<Grid<CellState>> {
-    let mut bytes = Vec::new();
-    flate2::read::GzDecoder::new(File::open(path).ok()?).read_to_end(&mut bytes).ok()?;
-    let header_len = bytes.iter().enumerate().filter(|(_, b)| **b == b'\n').nth(2)?.0 + 1;
-    let header = String::from_utf8(bytes.get(..header_len)?.to_vec()).ok()?;
-    let mut words = header.split_whitespace();
-    if words.next()? != "P5" {
-        return None;
-    }
-    let (width, height): (usize, usize) = (words.next()?.parse().ok()?, words.next()?.parse().ok()?);
-    // The picture starts at the top, the grid at the bottom.
-    let rows = bytes.get(header_len..)?.chunks_exact(width).take(height).collect::<Vec<_>>().into_iter().rev();
-    let state = |&grey: &u8| match f64::from(255 - grey) / 255.0 {
-        p if p > 0.65 => CellState::Occupied,
-        p if p < 0.25 => CellState::Free,
-        _ => CellState::Unknown,
-    };
-    Grid::new(GridLayout::new(width, height, 0.05, Se2::default()).ok()?, rows.flatten().map(state).collect()).ok()
 }
 
 /// An office of 5 cm cells: rooms of 6 m by 5 m behind walls with doors, and a table with legs or a pillar in each.
