@@ -236,6 +236,14 @@ mod tests {
         assert_eq!(cloud.time(), Some(&[0.5_f32][..]));
     }
 
+    #[test]
+    fn times_of_an_epoch_become_offsets_from_the_stamp() {
+        let text = "FIELDS x y z timestamp\nSIZE 4 4 4 8\nTYPE F F F F\nPOINTS 2\nDATA ascii\n1 2 3 1700000000.25\n1 2 3 1700000000.35\n";
+        let cloud = parse(&Input::new("a.pcd", text)).unwrap();
+        assert!((cloud.time().unwrap()[1] - 0.1).abs() < 1e-6);
+        assert!((cloud.stamp().seconds() - 1_700_000_000.25).abs() < 1e-6);
+    }
+
     fn compressed(points: usize, unpacked: u32, body: &[u8]) -> Vec<u8> {
         let mut file =
             format!("VERSION .7\nFIELDS x y z\nSIZE 4 4 4\nTYPE F F F\nPOINTS {points}\nDATA binary_compressed\n")

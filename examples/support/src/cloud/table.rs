@@ -1,7 +1,7 @@
 //! Rows of named numbers, from which a cloud is assembled.
 
 use crate::{Error, Input};
-use agv_core::sensors::PointCloud;
+use agv_core::{sensors::PointCloud, time::Stamp};
 
 /// How a number is stored.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -73,8 +73,12 @@ pub(super) struct Builder {
     xyz: [Vec<f32>; 3],
     intensities: Vec<f32>,
     rings: Vec<u16>,
-    times: Vec<f32>,
+    /// Seconds, of a day or of an epoch.
+    times: Vec<f64>,
 }
+
+/// Times beyond this are no offsets within a sweep, in seconds.
+const LONGEST_SWEEP: f64 = 1000.0;
 
 impl Builder {
     /// Finds x, y, z and the optional channels by the names that the field's tools give them.
@@ -111,7 +115,7 @@ impl Builder {
             self.rings.push(row[at] as u16);
         }
         if let Some((at, unit)) = self.time {
-            self.times.push((row[at] * unit) as f32);
+            self.times.push(row[at] * unit);
         }
     }
 
@@ -125,7 +129,10 @@ impl Builder {
             cloud = cloud.with_ring(self.rings)?;
         }
         if self.time.is_some() {
-            cloud = cloud.with_time(self.times)?;
+            // Times of an epoch do not fit an f32: the cloud's stamp takes the first.
+            let first = self.times.first().copied().filter(|time| time.abs() > LONGEST_SWEEP).unwrap_or(0.0);
+            cloud = cloud.with_time(self.times.iter().map(|time| (time - first) as f32).collect())?;
+            cloud = cloud.with_stamp(Stamp::from_seconds(first));
         }
         Ok(cloud)
     }
