@@ -3,11 +3,12 @@
 //! The rate between two samples is taken as linear (trapezoid), with the bias subtracted:
 //!
 //! ```text
-//! yaw += ((w0 + w1) / 2 - bias) dt            variance += density² dt            + (bias sigma · time)² in the end
+//! yaw += ((w0 + w1) / 2 - bias) dt            variance += density² dt + sigma² ((T + dt)² - T²)
 //! ```
 //!
-//! White noise makes the variance grow with time, an unknown but constant bias makes the *deviation* grow with it
-//! (Woodman 2007, section 3.2). Gyrodometry (Borenstein and Feng 1996) takes the turn from the gyro, which does not
+//! White noise makes the variance grow with time; an unknown but constant bias of deviation `sigma` makes the
+//! *deviation* grow with the time `T` since it was set (Woodman 2007, section 3.2). Turns that are taken one after
+//! another share this error, so each gets what it adds: their variances sum up to that of the whole, however it is cut. Gyrodometry (Borenstein and Feng 1996) takes the turn from the gyro, which does not
 //! slip, and the distance from the wheels, which do not drift.
 
 use super::OdometryIncrement;
@@ -28,7 +29,7 @@ pub struct YawIncrement {
     pub end: Stamp,
     /// Turn in radians, not wrapped.
     pub yaw: f64,
-    /// Variance of the turn, in rad².
+    /// Variance that the turn adds to those before it, in rad²: the sum over a drive is the variance of its heading.
     pub variance: f64,
 }
 
@@ -57,7 +58,10 @@ pub struct YawIntegrator {
     start: Stamp,
     /// Time and rate of the last sample, bias included.
     last: Option<(Stamp, f64)>,
+    /// Time integrated with this bias, in seconds.
+    bias_age: f64,
     yaw: f64,
+    variance: f64,
 }
 
 impl YawIntegrator {
@@ -67,16 +71,30 @@ impl YawIntegrator {
     /// [`Error::Negative`].
     pub fn new(noise_density: f64) -> Result<Self, Error> {
         check::non_negative("noise_density", noise_density)?;
-        Ok(Self { noise_density, bias: 0.0, bias_sigma: 0.0, start: Stamp::default(), last: None, yaw: 0.0 })
+        Ok(Self {
+            noise_density,
+            bias: 0.0,
+            bias_sigma: 0.0,
+            start: Stamp::default(),
+            last: None,
+            bias_age: 0.0,
+            yaw: 0.0,
+            variance: 0.0,
+        })
     }
 
-    /// The bias that is subtracted from now on, in radians per second, and its standard deviation.
+    /// The bias that is subtracted from the last sample on, in radians per second, and its standard deviation.
+    ///
+    /// A new pair is taken as a new estimate, with an error independent of the last one's; the same pair again changes
+    /// nothing. So set it when the vehicle has stood still, not with every sample.
     ///
     /// # Errors
     /// A bias that is not finite, or a negative deviation; both stay as they were then.
     pub fn set_bias(&mut self, bias: f64, sigma: f64) -> Result<(), Error> {
         let (bias, sigma) = (check::finite("bias", bias)?, check::non_negative("bias sigma", sigma)?);
-        (self.bias, self.bias_sigma) = (bias, sigma);
+        if (bias, sigma) != (self.bias, self.bias_sigma) {
+            (self.bias, self.bias_sigma, self.bias_age) = (bias, sigma, 0.0);
+        }
         Ok(())
     }
 
@@ -102,10 +120,9 @@ impl YawIntegrator {
     pub fn take_until(&mut self, end: Stamp) -> Result<Option<YawIncrement>, Error> {
         let Some((_, rate)) = self.last else { return Ok(None) };
         self.advance(end, rate)?;
-        let (start, yaw, span) = (self.start, self.yaw, end - self.start);
-        (self.start, self.yaw) = (end, 0.0);
-        let (white, drift) = (self.noise_density * self.noise_density * span, self.bias_sigma * span);
-        Ok(Some(YawIncrement { start, end, yaw, variance: white + drift * drift }))
+        let turn = YawIncrement { start: self.start, end, yaw: self.yaw, variance: self.variance };
+        (self.start, self.yaw, self.variance) = (end, 0.0, 0.0);
+        Ok(Some(turn))
     }
 
     fn advance(&mut self, stamp: Stamp, rate: f64) -> Result<(), Error> {
@@ -113,7 +130,14 @@ impl YawIntegrator {
             Some((before, _)) if stamp < before => {
                 return Err(Error::TimeBackwards { earlier_ns: before.nanoseconds(), later_ns: stamp.nanoseconds() });
             }
-            Some((before, last_rate)) => self.yaw += (0.5 * (last_rate + rate) - self.bias) * (stamp - before),
+            Some((before, last_rate)) => {
+                let dt = stamp - before;
+                self.yaw += (0.5 * (last_rate + rate) - self.bias) * dt;
+                // (T + dt)² - T², the drift's share in the form that does not cancel.
+                let drift = self.bias_sigma * self.bias_sigma * dt * (2.0 * self.bias_age + dt);
+                self.variance += self.noise_density * self.noise_density * dt + drift;
+                self.bias_age += dt;
+            }
             None => self.start = stamp,
         }
         self.last = Some((stamp, rate));
@@ -250,6 +274,27 @@ mod tests {
             prop_assert!((total - 0.5 * slope * end.seconds().powi(2)).abs() < 1e-9);
         }
 
+        /// However the turn is cut, and however often the rate is sampled, the variances sum up to that of the whole.
+        #[test]
+        fn cutting_changes_no_variance(cuts in prop::collection::vec((1_i64..200_000_000, any::<bool>()), 1..200)) {
+            let mut gyro = YawIntegrator::new(1e-3).unwrap();
+            gyro.set_bias(0.1, 0.003).unwrap();
+            gyro.push(Stamp::default(), 0.2).unwrap();
+            let (mut time, mut total) = (0_i64, 0.0);
+            for (gap, taken) in cuts {
+                time += gap;
+                let stamp = Stamp::from_nanoseconds(time);
+                gyro.push(stamp, 0.2).unwrap();
+                if taken {
+                    total += gyro.take_until(stamp).unwrap().unwrap().variance;
+                }
+            }
+            let end = Stamp::from_nanoseconds(time);
+            total += gyro.take_until(end).unwrap().unwrap().variance;
+            let expected = 1e-6 * end.seconds() + (0.003 * end.seconds()).powi(2);
+            prop_assert!((total - expected).abs() < 1e-12 * expected);
+        }
+
         /// Wheels that agree with the gyro are left as they are.
         #[test]
         fn agreement_changes_nothing(x in -1.0..1.0_f64, yaw in -1.0..1.0_f64) {
@@ -279,6 +324,20 @@ mod tests {
         gyro.push(at(0.0), 0.0).unwrap();
         let turn = gyro.take_until(at(4.0)).unwrap().unwrap();
         assert!((turn.variance - (1e-4 * 4.0 + 0.008 * 0.008)).abs() < 1e-15);
+    }
+
+    /// Two estimates of the bias err independently; an estimate that is set again does not.
+    #[test]
+    fn a_new_bias_has_an_error_of_its_own() {
+        let mut gyro = YawIntegrator::new(0.0).unwrap();
+        gyro.set_bias(0.0, 0.1).unwrap();
+        gyro.push(at(0.0), 0.0).unwrap();
+        gyro.push(at(2.0), 0.0).unwrap();
+        gyro.set_bias(0.0, 0.1).unwrap();
+        gyro.push(at(3.0), 0.0).unwrap();
+        gyro.set_bias(0.01, 0.2).unwrap();
+        let turn = gyro.take_until(at(4.0)).unwrap().unwrap();
+        assert!((turn.variance - (0.3_f64.powi(2) + 0.2_f64.powi(2))).abs() < 1e-15);
     }
 
     #[test]
