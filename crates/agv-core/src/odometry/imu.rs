@@ -49,7 +49,7 @@ pub struct YawIncrement {
 /// # Ok::<(), agv_core::Error>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "RawIntegrator"))]
 pub struct YawIntegrator {
     noise_density: f64,
     bias: f64,
@@ -62,6 +62,38 @@ pub struct YawIntegrator {
     bias_age: f64,
     yaw: f64,
     variance: f64,
+}
+
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+struct RawIntegrator {
+    noise_density: f64,
+    bias: f64,
+    bias_sigma: f64,
+    start: Stamp,
+    last: Option<(Stamp, f64)>,
+    bias_age: f64,
+    yaw: f64,
+    variance: f64,
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<RawIntegrator> for YawIntegrator {
+    type Error = Error;
+
+    fn try_from(raw: RawIntegrator) -> Result<Self, Error> {
+        let RawIntegrator { noise_density, bias, bias_sigma, start, last, bias_age, yaw, variance } = raw;
+        let mut fresh = Self::new(noise_density)?;
+        fresh.set_bias(bias, bias_sigma)?;
+        check::non_negative("bias_age", bias_age)?;
+        check::finite("yaw", yaw)?;
+        check::non_negative("variance", variance)?;
+        if let Some((stamp, rate)) = last {
+            check::finite("yaw_rate", rate)?;
+            check::non_negative("span", stamp - start)?;
+        }
+        Ok(Self { start, last, bias_age, yaw, variance, ..fresh })
+    }
 }
 
 impl YawIntegrator {
@@ -178,71 +210,6 @@ pub fn gyrodometry(wheels: &OdometryIncrement, gyro: &YawIncrement) -> Result<Od
     })
 }
 
-/// The bias of a gyro, from the samples of a vehicle that stands still.
-///
-/// ```
-/// use agv_core::odometry::GyroBiasEstimator;
-///
-/// let mut still = GyroBiasEstimator::new(0.05, 100)?;
-/// for i in 0..200 {
-///     still.push(0.01 + 0.001 * f64::from(i % 2))?;
-/// }
-/// let (bias, sigma) = still.bias().unwrap();
-/// assert!((bias - 0.0105).abs() < 1e-12 && sigma < 1e-4);
-/// # Ok::<(), agv_core::Error>(())
-/// ```
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct GyroBiasEstimator {
-    max_rate: f64,
-    min_samples: u64,
-    count: u64,
-    mean: f64,
-    /// Sum of squared deviations from the mean (Welford 1962).
-    scatter: f64,
-}
-
-impl GyroBiasEstimator {
-    /// An estimator that takes rates above `max_rate` rad/s as motion, and speaks after `min_samples` samples (at least
-    /// two) without any.
-    ///
-    /// # Errors
-    /// [`Error::NotPositive`].
-    pub fn new(max_rate: f64, min_samples: u64) -> Result<Self, Error> {
-        check::positive("max_rate", max_rate)?;
-        Ok(Self { max_rate, min_samples: min_samples.max(2), count: 0, mean: 0.0, scatter: 0.0 })
-    }
-
-    /// Adds a sample of the standing vehicle, in radians per second; one that is motion starts the estimate afresh and
-    /// gives `false`.
-    ///
-    /// # Errors
-    /// [`Error::NotFinite`]; the sample is then left out.
-    pub fn push(&mut self, yaw_rate: f64) -> Result<bool, Error> {
-        check::finite("yaw_rate", yaw_rate)?;
-        if yaw_rate.abs() > self.max_rate {
-            self.reset();
-            return Ok(false);
-        }
-        self.count += 1;
-        let deviation = yaw_rate - self.mean;
-        self.mean += deviation / self.count as f64;
-        self.scatter += deviation * (yaw_rate - self.mean);
-        Ok(true)
-    }
-
-    /// Forgets all samples; call it when the wheels move.
-    pub fn reset(&mut self) {
-        (self.count, self.mean, self.scatter) = (0, 0.0, 0.0);
-    }
-
-    /// Bias and the standard deviation of this estimate, in radians per second; `None` before enough samples.
-    pub fn bias(&self) -> Option<(f64, f64)> {
-        let n = self.count as f64;
-        (self.count >= self.min_samples).then(|| (self.mean, (self.scatter / ((n - 1.0) * n)).sqrt()))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -354,15 +321,19 @@ mod tests {
         assert!(YawIntegrator::new(-1.0).is_err() && YawIntegrator::new(f64::NAN).is_err());
     }
 
+    #[cfg(feature = "serde")]
     #[test]
-    fn motion_restarts_the_bias() {
-        let mut still = GyroBiasEstimator::new(0.05, 3).unwrap();
-        for rate in [0.01, 0.02, 0.5, 0.01] {
-            still.push(rate).unwrap();
+    fn stored_integrators_are_checked() {
+        let mut gyro = YawIntegrator::new(0.25).unwrap();
+        gyro.push(Stamp::from_nanoseconds(7), 0.5).unwrap();
+        let text = serde_json::to_string(&gyro).unwrap();
+        let read = |text: &str| serde_json::from_str::<YawIntegrator>(text);
+        assert_eq!(read(&text).unwrap(), gyro);
+        for (good, bad) in
+            [("0.25", "-0.25"), ("\"start\":7", "\"start\":8"), ("\"variance\":0.0", "\"variance\":-1.0")]
+        {
+            assert!(text.contains(good) && read(&text.replace(good, bad)).is_err(), "{bad}");
         }
-        assert_eq!(still.bias(), None);
-        assert!(still.push(f64::INFINITY).is_err());
-        assert!(GyroBiasEstimator::new(0.0, 3).is_err() && GyroBiasEstimator::new(f64::NAN, 3).is_err());
     }
 
     #[test]
