@@ -1,7 +1,10 @@
 //! One error type over all parts, for callers who compose several.
 
-use agv_core::roles::{
-    ControlError, LocalPlanError, LocalizationError, PlanError, RegistrationError, ScanMatchError, TrackError,
+use agv_core::{
+    frames::FrameError,
+    roles::{
+        ControlError, LocalPlanError, LocalizationError, PlanError, RegistrationError, ScanMatchError, TrackError,
+    },
 };
 
 /// Whatever a part of a pipeline refused.
@@ -11,6 +14,9 @@ pub enum Error {
     /// A value was refused at construction.
     #[error(transparent)]
     Core(#[from] agv_core::Error),
+    /// A tree of frames refused an edge or a look-up.
+    #[error(transparent)]
+    Frames(#[from] FrameError),
     /// A localizer refused a call.
     #[error(transparent)]
     Localization(#[from] LocalizationError),

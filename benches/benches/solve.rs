@@ -53,13 +53,13 @@ struct Correspondences(Vec<(Vector2<f64>, Vector2<f64>)>);
 impl LeastSquares<3> for Correspondences {
     type State = Se2;
 
-    fn linearize(&self, pose: &Se2, normal: &mut NormalEquations<3>) {
+    fn linearize(&mut self, pose: &Se2, normal: &mut NormalEquations<3>) {
         for (target, source) in &self.0 {
             normal.add(&(pose.act(source) - target), &pose.act_jacobians(source).0, 1.0);
         }
     }
 
-    fn cost(&self, pose: &Se2) -> f64 {
+    fn cost(&mut self, pose: &Se2) -> f64 {
         self.0.iter().map(|(target, source)| 0.5 * (pose.act(source) - target).norm_squared()).sum()
     }
 
@@ -72,13 +72,15 @@ fn levenberg_marquardt(c: &mut Criterion) {
     let truth = Se2::new(0.4, -0.2, 0.3);
     let point = |i: usize| Vector2::new((0.37 * i as f64).sin() * 5.0, (0.91 * i as f64).cos() * 5.0);
     let noise = |i: usize| Vector2::new((12.9 * i as f64).sin(), (78.2 * i as f64).sin()) * 0.01;
-    let problem = Correspondences((0..100).map(|i| (truth.act(&point(i)) + noise(i), point(i))).collect());
+    let mut problem = Correspondences((0..100).map(|i| (truth.act(&point(i)) + noise(i), point(i))).collect());
     let solver = LevenbergMarquardt::new(LevenbergMarquardtParams::default()).expect("defaults are valid");
-    let found = solver.minimize(&problem, Se2::default()).expect("finite");
+    let found = solver.minimize(&mut problem, Se2::default()).expect("finite");
     assert!(found.converged() && found.state.minus(&truth).norm() < 0.01);
     let mut group = c.benchmark_group("solve/Levenberg–Marquardt");
     group.throughput(Throughput::Elements(100));
-    group.bench_function("SE(2) from 100 points", |b| b.iter(|| solver.minimize(black_box(&problem), Se2::default())));
+    group.bench_function("SE(2) from 100 points", |b| {
+        b.iter(|| solver.minimize(black_box(&mut problem), Se2::default()))
+    });
     group.finish();
 }
 

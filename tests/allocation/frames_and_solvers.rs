@@ -75,13 +75,13 @@ const TRUTH: Vector3<f64> = Vector3::new(0.4, -0.2, 0.6);
 impl LeastSquares<3> for Resection {
     type State = Se2;
 
-    fn linearize(&self, state: &Se2, normal: &mut NormalEquations<3>) {
+    fn linearize(&mut self, state: &Se2, normal: &mut NormalEquations<3>) {
         for i in 0..self.0.len() {
             normal.add(&self.residual(state, &Se2::exp(&TRUTH), i), &state.act_jacobians(&self.0[i]).0, 1.0);
         }
     }
 
-    fn cost(&self, state: &Se2) -> f64 {
+    fn cost(&mut self, state: &Se2) -> f64 {
         (0..self.0.len()).map(|i| 0.5 * self.residual(state, &Se2::exp(&TRUTH), i).norm_squared()).sum()
     }
 
@@ -96,7 +96,7 @@ fn levenberg_marquardt() {
     let solver = LevenbergMarquardt::new(LevenbergMarquardtParams::default()).unwrap();
     let mut iterations = 0;
     let count = counter::count(|| {
-        let found = solver.minimize(&Resection(landmarks), Se2::identity()).unwrap();
+        let found = solver.minimize(&mut Resection(landmarks), Se2::identity()).unwrap();
         assert!(found.converged() && (found.state.log() - TRUTH).norm() < 1e-6);
         iterations = found.iterations;
     });

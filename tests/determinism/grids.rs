@@ -46,7 +46,7 @@ fn likelihood_field() {
     let map = map();
     assert_same_bits("LikelihoodField", |par| {
         let params = LikelihoodFieldParams::default();
-        Digest::new().singles(LikelihoodField::with_parallelism(&map, params, par).unwrap().values())
+        Digest::new().singles(LikelihoodField::build(&map, params, par).unwrap().values())
     });
 }
 

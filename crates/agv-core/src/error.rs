@@ -1,7 +1,7 @@
 //! The crate's one error type: which value, and why.
 
 /// Why a value was refused. Every variant carries the name and the number that a user needs to mend the call.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
     /// A value must be neither NaN nor infinite.
@@ -119,57 +119,5 @@ pub enum Error {
         left: f64,
         /// Its value in the second grid.
         right: f64,
-    },
-    /// A frame that the tree does not know.
-    #[error("frame `{frame}` is not known")]
-    UnknownFrame {
-        /// The frame that was asked for.
-        frame: String,
-    },
-    /// An edge would make a frame its own ancestor.
-    #[error("`{child}` below `{parent}` would close a cycle of frames")]
-    FrameCycle {
-        /// The parent that was given.
-        parent: String,
-        /// The child that was given.
-        child: String,
-    },
-    /// A frame has one parent only.
-    #[error("frame `{child}` has the parent `{parent}` already, it cannot have `{second}` as well")]
-    SecondParent {
-        /// The child that was given.
-        child: String,
-        /// Its parent.
-        parent: String,
-        /// The parent that was given.
-        second: String,
-    },
-    /// An edge is either static or moving.
-    #[error("the edge above frame `{child}` is {}", if *.is_static { "static: it takes no stamps" } else { "moving: each transform needs its stamp" })]
-    FrameKind {
-        /// Frame below the edge.
-        child: String,
-        /// Whether the edge that is there is static.
-        is_static: bool,
-    },
-    /// No chain of transforms joins two frames.
-    #[error("frames `{target}` and `{source_frame}` are not connected")]
-    NotConnected {
-        /// Target of the look-up.
-        target: String,
-        /// Source of the look-up.
-        source_frame: String,
-    },
-    /// A transform is not known at the time that was asked for.
-    #[error("frame `{frame}` is known from {earliest_ns} ns to {latest_ns} ns, not at {wanted_ns} ns")]
-    Extrapolation {
-        /// Frame below the edge that is not known then.
-        frame: String,
-        /// The stamp that was asked for, in nanoseconds.
-        wanted_ns: i64,
-        /// The oldest stamp that is known, in nanoseconds.
-        earliest_ns: i64,
-        /// The newest stamp that is known, in nanoseconds.
-        latest_ns: i64,
     },
 }

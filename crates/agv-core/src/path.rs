@@ -36,9 +36,30 @@ pub struct PathPoint {
 /// # Ok::<(), agv_core::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "RawPath"))]
 pub struct Path {
     points: Vec<PathPoint>,
+}
+
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+struct RawPath {
+    points: Vec<PathPoint>,
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<RawPath> for Path {
+    type Error = Error;
+
+    fn try_from(raw: RawPath) -> Result<Self, Error> {
+        raw.points.iter().try_for_each(check_point)?;
+        Ok(Self { points: raw.points })
+    }
+}
+
+fn check_point(point: &PathPoint) -> Result<(), Error> {
+    let pose = point.pose;
+    crate::check::all_finite("path pose", &[pose.x(), pose.y(), pose.yaw()])
 }
 
 impl Path {
@@ -87,8 +108,7 @@ impl Path {
     /// # Errors
     /// [`Error::NotFinite`]; the path is then as it was.
     pub fn push(&mut self, point: PathPoint) -> Result<(), Error> {
-        let pose = point.pose;
-        crate::check::all_finite("path pose", &[pose.x(), pose.y(), pose.yaw()])?;
+        check_point(&point)?;
         self.points.push(point);
         Ok(())
     }
@@ -135,5 +155,14 @@ mod tests {
     fn a_position_that_is_not_finite_is_refused() {
         assert!(Path::from_positions(&[Vector2::zeros(), Vector2::new(f64::NAN, 0.0)]).is_err());
         assert!(Path::new().push(PathPoint { pose: Se2::new(0.0, f64::INFINITY, 0.0), gear: Gear::Forward }).is_err());
+    }
+
+    #[cfg(feature = "serde")]
+    #[test]
+    fn stored_paths_are_checked() {
+        let bad = Se2::new(0.0, f64::INFINITY, 0.0);
+        assert!(Path::try_from(RawPath { points: vec![PathPoint { pose: bad, gear: Gear::Forward }] }).is_err());
+        let path = Path::from_positions(&[Vector2::zeros(), Vector2::new(1.0, 2.0)]).unwrap();
+        assert_eq!(serde_json::from_str::<Path>(&serde_json::to_string(&path).unwrap()).unwrap(), path);
     }
 }

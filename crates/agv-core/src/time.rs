@@ -38,7 +38,7 @@ impl Stamp {
 
     /// Seconds since the epoch; a Unix time keeps about 100 ns.
     pub fn seconds(self) -> f64 {
-        self.0 as f64 * 1e-9
+        self.0 as f64 / 1e9
     }
 }
 
@@ -48,7 +48,7 @@ impl Sub for Stamp {
 
     /// Seconds from `earlier` to `self`.
     fn sub(self, earlier: Self) -> f64 {
-        self.0.saturating_sub(earlier.0) as f64 * 1e-9
+        self.0.saturating_sub(earlier.0) as f64 / 1e9
     }
 }
 
@@ -56,7 +56,7 @@ impl Sub for Stamp {
 impl Add<f64> for Stamp {
     type Output = Self;
 
-    /// The stamp `dt` seconds later, to the nanosecond.
+    /// The stamp `dt` seconds later, to the nanosecond. NaN adds nothing, and what leaves ±292 years saturates.
     fn add(self, dt: f64) -> Self {
         Self(self.0.saturating_add((dt * 1e9).round() as i64))
     }
@@ -71,10 +71,23 @@ mod tests {
         assert_eq!(Stamp::from_seconds(976_052_857.337_530).nanoseconds() / 1000, 976_052_857_337_530);
     }
 
+    /// Whole nanoseconds become the double that a literal of the same value is: division rounds once.
+    #[test]
+    fn seconds_are_the_nearest_double() {
+        for (nanoseconds, seconds) in
+            [(300_000_000, 0.3), (50_000_000, 0.05), (700_000_001, 0.700_000_001), (-1, -1e-9)]
+        {
+            let stamp = Stamp::from_nanoseconds(nanoseconds);
+            assert_eq!((stamp.seconds(), stamp - Stamp::default()), (seconds, seconds));
+        }
+    }
+
     #[test]
     fn extremes_saturate_and_never_panic() {
         assert_eq!(Stamp::from_seconds(f64::INFINITY).nanoseconds(), i64::MAX);
         assert_eq!(Stamp::from_seconds(f64::NAN).nanoseconds(), 0);
+        assert_eq!((Stamp::from_nanoseconds(7) + f64::NAN).nanoseconds(), 7);
+        assert_eq!((Stamp::from_nanoseconds(7) + f64::INFINITY).nanoseconds(), i64::MAX);
         assert!(Stamp::from_nanoseconds(i64::MIN) - Stamp::from_nanoseconds(i64::MAX) < 0.0);
     }
 }

@@ -224,6 +224,18 @@ macro_rules! battery {
                     prop_assert!((norm(&length) - norm(&G::point_entries(&point))).abs() < allowed);
                 }
 
+                /// Any root of a covariance: its square is inverted, its entries make it anew, and its negative is refused.
+                #[test]
+                fn covariances_are_inverted(t in tangent::<G>(2.0)) {
+                    let root = G::left_jacobian(&t);
+                    let covariance = root * G::transpose(&root) + G::identity_matrix() * 0.1;
+                    prop_assert_eq!(G::matrix_from_slice(G::matrix_slice(&covariance)), covariance);
+                    let inverse = G::inverse_of(&covariance).unwrap();
+                    prop_assert!(matrices::<G>(&G::identity_matrix(), &(covariance * inverse)) < TOLERANCE);
+                    prop_assert_eq!(G::inverse_of(&-covariance), None);
+                    prop_assert_eq!(G::inverse_of(&(covariance * f64::NAN)), None);
+                }
+
                 #[cfg(feature = "serde")]
                 #[test]
                 fn storage_keeps_every_bit(a in element::<G>(), b in element::<G>()) {

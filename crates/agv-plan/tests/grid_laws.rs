@@ -8,13 +8,13 @@ use agv_core::path::Path;
 use agv_core::roles::{GlobalPlanner, NoPathReason, PlanOutcome};
 use agv_plan::grid::{
     AStar, AStarParams, Connectivity, CornerRule, Dijkstra, DijkstraParams, GridHeuristic, GridParams, GridSpace,
-    UnknownSpace,
+    UnknownCells,
 };
 use proptest::prelude::*;
 
 fn passable(costmap: &Costmap, grid: &GridParams, cell: Cell) -> Option<f64> {
     let seen = match (costmap.cost(cell)?, grid.unknown) {
-        (cost::UNKNOWN, UnknownSpace::AtCost(stand_in)) => stand_in,
+        (cost::UNKNOWN, UnknownCells::AtCost(stand_in)) => stand_in,
         (value, _) => value,
     };
     (seen <= cost::MAX_NON_OBSTACLE).then(|| f64::from(seen))
@@ -71,7 +71,7 @@ fn bellman_ford(costmap: &Costmap, grid: &GridParams, start: Cell) -> Vec<f64> {
 fn grids() -> impl Strategy<Value = (Costmap, GridParams)> {
     let cell = prop_oneof![6 => Just(0_u8), 3 => Just(cost::LETHAL), 1 => Just(cost::UNKNOWN), 2 => 0_u8..=253];
     let rules = prop_oneof![Just(CornerRule::Never), Just(CornerRule::OneFree), Just(CornerRule::Free)];
-    let unknown = prop_oneof![Just(UnknownSpace::Blocked), (0_u8..=253).prop_map(UnknownSpace::AtCost)];
+    let unknown = prop_oneof![Just(UnknownCells::Blocked), (0_u8..=253).prop_map(UnknownCells::AtCost)];
     let weight = prop_oneof![2 => Just(0.0), 1 => 0.0..50.0_f64];
     (1_usize..14, 1_usize..12).prop_flat_map(move |(width, height)| {
         let costs = proptest::collection::vec(cell.clone(), width * height);

@@ -7,7 +7,7 @@ use agv_core::roles::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome};
 use agv_plan::Error;
 use agv_plan::grid::{
     AStar, AStarParams, Connectivity, Dijkstra, DijkstraParams, GridHeuristic, GridParams, GridSpace, Limits, Octile,
-    Offset, SearchEnd, UnknownSpace, Workspace,
+    Offset, SearchEnd, UnknownCells, Workspace,
 };
 
 /// A room of 40 x 30 cells of 0.1 m, parted by a wall of column 20.
@@ -162,7 +162,7 @@ fn a_huge_tolerance_is_bounded_by_the_map() {
 #[test]
 fn parts_take_empty_spaces_and_strange_nodes() {
     let mut workspace: Workspace<_> = Workspace::default();
-    let mut space = GridSpace::new(GridParams { unknown: UnknownSpace::AtCost(255), ..Default::default() }).unwrap();
+    let mut space = GridSpace::new(GridParams { unknown: UnknownCells::AtCost(255), ..Default::default() }).unwrap();
     let octile = Octile(Offset::new(0, Cell::new(0, 0)));
     let result = workspace.search(&space.uniform(), &octile, 0, |_| true, &mut Limits::none());
     assert_eq!(result.end, SearchEnd::Exhausted);

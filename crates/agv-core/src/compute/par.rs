@@ -1,16 +1,17 @@
 //! Parallelism as a value, in two shapes: for each chunk, and an ordered reduction over chunks.
 //!
-//! Both cut their work in halves down to fixed chunks, and both combine in the order of that tree. The tree depends on
-//! the number of entries alone, so the bits of a result are the same for any number of threads, and without the
-//! `rayon` feature. (Measured: rayon's own `sum` gave three bit patterns in twenty runs.)
+//! Chunks are fixed by the number of entries, and a reduction combines them in a tree that halves their number: both
+//! know nothing of threads, so the bits of a result are the same for any number of them, and without the `rayon`
+//! feature. (Measured: rayon's own `sum` gave three bit patterns in twenty runs.)
 
 use super::Split;
 use std::num::NonZeroUsize;
 
 /// How many threads a loop may use.
 ///
-/// The threads are those of the rayon pool that the call runs in; this crate starts none. Without the `rayon` feature
-/// every loop runs on the calling thread, with the same bits out.
+/// The threads are those of the rayon pool that the call runs in. A call from outside of any pool runs in rayon's
+/// global one, which rayon starts when it is first used; [`Par::Seq`] touches neither. Without the `rayon` feature every
+/// loop runs on the calling thread, with the same bits out.
 ///
 /// ```
 /// use agv_core::compute::Par;
@@ -27,12 +28,12 @@ pub enum Par {
     /// On the calling thread.
     #[default]
     Seq,
-    /// On at most this many threads of the surrounding rayon pool.
+    /// Cut for this many threads of the surrounding rayon pool; a hard limit is the size of the pool.
     Threads(NonZeroUsize),
 }
 
 impl Par {
-    /// At most `count` threads; zero and one are [`Par::Seq`].
+    /// Work cut for `count` threads; zero and one are [`Par::Seq`].
     pub const fn threads(count: usize) -> Self {
         match NonZeroUsize::new(count) {
             Some(threads) if count > 1 => Self::Threads(threads),
@@ -50,26 +51,46 @@ impl Par {
 
     /// Calls `body(index, chunk)` for consecutive chunks of `chunk_len` entries (the last may be shorter).
     ///
-    /// A `chunk_len` of zero reads as one. Allocates nothing on [`Par::Seq`] or inside a rayon pool.
+    /// Every thread gets an even share of the chunks, and no more threads take part than there are shares. A `chunk_len`
+    /// of zero reads as one. Allocates nothing itself; rayon's queues may grow, and a call from outside of a pool passes
+    /// through one that does from time to time.
     pub fn for_each_chunk<S: Split>(self, data: S, chunk_len: usize, body: impl Fn(usize, S) + Sync) {
         let chunk_len = chunk_len.max(1);
         let chunks = data.len().div_ceil(chunk_len);
         if chunks > 0 {
-            for_each_span(data, 0, chunks, chunk_len, self.count(), &body);
+            for_each_span(data, 0, chunks, chunk_len, self.count().min(chunks), &body);
         }
     }
 
     /// Maps the indices `0..count` and combines the results in a tree of fixed shape; `None` if `count` is zero.
     ///
     /// `combine(a, b)` always gets neighbouring parts in order, so it need be neither commutative nor associative.
+    ///
+    /// Halves fall evenly on a power of two of threads only. For other numbers the tree is cut into up to eight pieces
+    /// a thread, for the pool to spread; one that is larger than asked for may then lend more of its threads.
+    /// Allocates as [`for_each_chunk`](Self::for_each_chunk) does.
     pub fn map_reduce<A: Send>(
         self,
         count: usize,
         map: impl Fn(usize) -> A + Sync,
         combine: impl Fn(A, A) -> A + Sync,
     ) -> Option<A> {
-        (count > 0).then(|| reduce_span(0, count, self.count(), &map, &combine))
+        (count > 0).then(|| reduce_span(0, count, pieces(self.count().min(count)), &map, &combine))
     }
+}
+
+/// Chunks and threads of the left part, in proportion. No thread gets more than its share rounded up, since
+/// `⌈⌈c r / t⌉ / r⌉ = ⌈c / t⌉`; and none gets nothing, if there are as many chunks as threads.
+fn cut(chunks: usize, threads: usize) -> (usize, usize) {
+    let left_threads = threads / 2;
+    (chunks.saturating_mul(left_threads) / threads, left_threads)
+}
+
+/// Into how many subtrees, a power of two, a reduction is cut.
+fn pieces(threads: usize) -> usize {
+    // No machine has more; the bound keeps absurd counts from overflowing.
+    let threads = threads.min(1 << 16);
+    if threads.is_power_of_two() { threads } else { 4 * threads.next_power_of_two() }
 }
 
 fn for_each_span<S: Split>(
@@ -80,23 +101,28 @@ fn for_each_span<S: Split>(
     threads: usize,
     body: &(impl Fn(usize, S) + Sync),
 ) {
-    if chunks == 1 {
-        return body(first, data);
+    if threads < 2 {
+        let mut rest = data;
+        for index in first..first + chunks - 1 {
+            let (chunk, behind) = rest.split_at(chunk_len);
+            body(index, chunk);
+            rest = behind;
+        }
+        return body(first + chunks - 1, rest);
     }
-    let half = chunks / 2;
-    let (left, right) = data.split_at(half * chunk_len);
-    let (left_threads, right_threads) = (threads / 2, threads - threads / 2);
+    let (left_chunks, left_threads) = cut(chunks, threads);
+    let (left, right) = data.split_at(left_chunks * chunk_len);
     join(
-        threads,
-        || for_each_span(left, first, half, chunk_len, left_threads.max(1), body),
-        || for_each_span(right, first + half, chunks - half, chunk_len, right_threads, body),
+        true,
+        || for_each_span(left, first, left_chunks, chunk_len, left_threads, body),
+        || for_each_span(right, first + left_chunks, chunks - left_chunks, chunk_len, threads - left_threads, body),
     );
 }
 
 fn reduce_span<A: Send>(
     first: usize,
     count: usize,
-    threads: usize,
+    pieces: usize,
     map: &(impl Fn(usize) -> A + Sync),
     combine: &(impl Fn(A, A) -> A + Sync),
 ) -> A {
@@ -104,22 +130,21 @@ fn reduce_span<A: Send>(
         return map(first);
     }
     let half = count / 2;
-    let (left_threads, right_threads) = (threads / 2, threads - threads / 2);
     let (left, right) = join(
-        threads,
-        || reduce_span(first, half, left_threads.max(1), map, combine),
-        || reduce_span(first + half, count - half, right_threads, map, combine),
+        pieces > 1,
+        || reduce_span(first, half, pieces / 2, map, combine),
+        || reduce_span(first + half, count - half, pieces / 2, map, combine),
     );
     combine(left, right)
 }
 
 #[cfg(feature = "rayon")]
-fn join<A: Send, B: Send>(threads: usize, a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
-    if threads > 1 { rayon::join(a, b) } else { (a(), b()) }
+fn join<A: Send, B: Send>(parallel: bool, a: impl FnOnce() -> A + Send, b: impl FnOnce() -> B + Send) -> (A, B) {
+    if parallel { rayon::join(a, b) } else { (a(), b()) }
 }
 
 #[cfg(not(feature = "rayon"))]
-fn join<A, B>(_threads: usize, a: impl FnOnce() -> A, b: impl FnOnce() -> B) -> (A, B) {
+fn join<A, B>(_parallel: bool, a: impl FnOnce() -> A, b: impl FnOnce() -> B) -> (A, B) {
     (a(), b())
 }
 
@@ -127,6 +152,22 @@ fn join<A, B>(_threads: usize, a: impl FnOnce() -> A, b: impl FnOnce() -> B) -> 
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    #[test]
+    fn reductions_are_cut_finely_enough_for_any_number_of_threads() {
+        for (threads, expected) in [(1, 1), (2, 2), (3, 16), (4, 4), (5, 32), (8, 8), (usize::MAX, 1 << 16)] {
+            assert_eq!(pieces(threads), expected);
+        }
+    }
+
+    #[test]
+    fn absurd_numbers_of_threads_are_threads() {
+        let par = Par::threads(usize::MAX);
+        assert_eq!(par.map_reduce(1000, |i| i, |a, b| a + b), Some(499_500));
+        let mut ones = [0; 1000];
+        par.for_each_chunk(&mut ones[..], 7, |_, chunk| chunk.iter_mut().for_each(|v| *v += 1));
+        assert_eq!(ones, [1; 1000]);
+    }
 
     proptest! {
         /// Each entry is visited once, by the chunk that its index says, for any number of threads.
@@ -142,12 +183,29 @@ mod tests {
             prop_assert_eq!(seen, offsets);
         }
 
+        /// The shares are as even as whole chunks allow, for three threads as for four.
+        #[test]
+        fn every_thread_gets_its_share(chunks in 1_usize..2000, threads in 1_usize..70) {
+            fn shares(chunks: usize, threads: usize, out: &mut Vec<usize>) {
+                if threads < 2 {
+                    return out.push(chunks);
+                }
+                let (left_chunks, left_threads) = cut(chunks, threads);
+                shares(left_chunks, left_threads, out);
+                shares(chunks - left_chunks, threads - left_threads, out);
+            }
+            let (threads, mut out) = (threads.min(chunks), Vec::new());
+            shares(chunks, threads, &mut out);
+            prop_assert_eq!((out.len(), out.iter().sum::<usize>()), (threads, chunks));
+            prop_assert!(out.iter().all(|&share| (1..=chunks.div_ceil(threads)).contains(&share)));
+        }
+
         /// Floating-point sums have the same bits for any number of threads.
         #[test]
         fn reductions_do_not_depend_on_threads(values in prop::collection::vec(-1e6..1e6_f64, 0..600)) {
             let sum = |threads| Par::threads(threads).map_reduce(values.len(), |i| values[i], |a, b| a + b);
             let reference = sum(1).map(f64::to_bits);
-            for threads in [2, 3, 4, 64] {
+            for threads in [2, 3, 4, 5, 6, 64] {
                 prop_assert_eq!(sum(threads).map(f64::to_bits), reference);
             }
         }

@@ -1,8 +1,10 @@
 //! Look-ups: up from both frames to where their ways meet.
 
-use super::tree::{Edge, FrameTree, Motion};
+use super::{
+    FrameError,
+    tree::{Edge, FrameTree, Motion},
+};
 use crate::{
-    Error,
     geometry::{LieGroup, Se3},
     time::Stamp,
 };
@@ -11,9 +13,9 @@ impl FrameTree {
     /// `target_from_source` at `stamp`. Between static frames any stamp will do.
     ///
     /// # Errors
-    /// [`Error::UnknownFrame`], [`Error::NotConnected`], or [`Error::Extrapolation`] with the edge that does not know
-    /// the stamp and the times that it does know.
-    pub fn lookup(&self, target: &str, source: &str, stamp: Stamp) -> Result<Se3, Error> {
+    /// [`FrameError::UnknownFrame`], [`FrameError::NotConnected`], or [`FrameError::Extrapolation`] with the edge that
+    /// does not know the stamp and the times that it does know.
+    pub fn lookup(&self, target: &str, source: &str, stamp: Stamp) -> Result<Se3, FrameError> {
         let (mut target_up, mut source_up) = (Se3::identity(), Se3::identity());
         self.climb(target, source, |edge, name, from_target| {
             let parent_from_child = at(edge, name, stamp)?;
@@ -29,7 +31,7 @@ impl FrameTree {
     ///
     /// # Errors
     /// As [`lookup`](Self::lookup): extrapolation if the edges' histories do not overlap.
-    pub fn lookup_latest(&self, target: &str, source: &str) -> Result<(Se3, Option<Stamp>), Error> {
+    pub fn lookup_latest(&self, target: &str, source: &str) -> Result<(Se3, Option<Stamp>), FrameError> {
         let stamp = self.latest_common_time(target, source)?;
         Ok((self.lookup(target, source, stamp.unwrap_or_default())?, stamp))
     }
@@ -37,8 +39,8 @@ impl FrameTree {
     /// The oldest of the newest stamps of all moving edges between two frames; `None` if all are static.
     ///
     /// # Errors
-    /// [`Error::UnknownFrame`] or [`Error::NotConnected`].
-    pub fn latest_common_time(&self, target: &str, source: &str) -> Result<Option<Stamp>, Error> {
+    /// [`FrameError::UnknownFrame`] or [`FrameError::NotConnected`].
+    pub fn latest_common_time(&self, target: &str, source: &str) -> Result<Option<Stamp>, FrameError> {
         let mut common = None::<Stamp>;
         self.climb(target, source, |edge, _, _| {
             if let Motion::Moving(history) = &edge.motion {
@@ -61,7 +63,7 @@ impl FrameTree {
         (target, target_stamp): (&str, Stamp),
         (source, source_stamp): (&str, Stamp),
         fixed: &str,
-    ) -> Result<Se3, Error> {
+    ) -> Result<Se3, FrameError> {
         let fixed_from_target = self.lookup(fixed, target, target_stamp)?;
         Ok(fixed_from_target.between(&self.lookup(fixed, source, source_stamp)?))
     }
@@ -72,8 +74,8 @@ impl FrameTree {
         &self,
         target: &str,
         source: &str,
-        mut visit: impl FnMut(&Edge, &str, bool) -> Result<(), Error>,
-    ) -> Result<(), Error> {
+        mut visit: impl FnMut(&Edge, &str, bool) -> Result<(), FrameError>,
+    ) -> Result<(), FrameError> {
         let (mut low, mut high) = (self.find(target)?, self.find(source)?);
         let (mut low_depth, mut high_depth) = (self.depth(low), self.depth(high));
         while low != high {
@@ -82,7 +84,7 @@ impl FrameTree {
             let frame = &self.frames[*at];
             // The deeper of two different frames is a root only if both are.
             let Some(edge) = &frame.edge else {
-                return Err(Error::NotConnected { target: target.to_owned(), source_frame: source.to_owned() });
+                return Err(FrameError::NotConnected { target: target.to_owned(), source_frame: source.to_owned() });
             };
             visit(edge, &frame.name, from_target)?;
             *at = edge.parent;
@@ -98,10 +100,10 @@ impl FrameTree {
 }
 
 /// `parent_from_child` of one edge.
-fn at(edge: &Edge, child: &str, stamp: Stamp) -> Result<Se3, Error> {
+fn at(edge: &Edge, child: &str, stamp: Stamp) -> Result<Se3, FrameError> {
     match &edge.motion {
         Motion::Static(pose) => Ok(*pose),
-        Motion::Moving(history) => history.at(stamp).ok_or_else(|| Error::Extrapolation {
+        Motion::Moving(history) => history.at(stamp).ok_or_else(|| FrameError::Extrapolation {
             frame: child.to_owned(),
             wanted_ns: stamp.nanoseconds(),
             earliest_ns: history.earliest().nanoseconds(),
@@ -184,12 +186,12 @@ mod tests {
     fn failures_say_what_is_there() {
         let tree = vehicle();
         let name = str::to_owned;
-        let unknown = Error::UnknownFrame { frame: name("camera") };
+        let unknown = FrameError::UnknownFrame { frame: name("camera") };
         assert_eq!(tree.lookup("map", "camera", at(1.5)), Err(unknown));
-        let apart = Error::NotConnected { target: name("there"), source_frame: name("imu_link") };
+        let apart = FrameError::NotConnected { target: name("there"), source_frame: name("imu_link") };
         assert_eq!(tree.lookup("there", "imu_link", at(1.5)), Err(apart));
         for (seconds, frame, earliest, latest) in [(0.9, "base_footprint", 1.0, 2.0), (1.9, "odom", 0.5, 1.8)] {
-            let extrapolation = Error::Extrapolation {
+            let extrapolation = FrameError::Extrapolation {
                 frame: name(frame),
                 wanted_ns: at(seconds).nanoseconds(),
                 earliest_ns: at(earliest).nanoseconds(),

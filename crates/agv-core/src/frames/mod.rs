@@ -2,9 +2,11 @@
 //!
 //! [`FrameTree`] is to this library what tf2 is to ROS, as a value: no clock, no threads, no messages.
 
+mod error;
 mod history;
 mod lookup;
 mod tree;
 
+pub use error::FrameError;
 pub use history::Insertion;
 pub use tree::{FrameTree, FrameTreeParams};

@@ -1,6 +1,9 @@
 //! The tree itself: frames, edges, and what may be added to them.
 
-use super::history::{History, Insertion};
+use super::{
+    FrameError,
+    history::{History, Insertion},
+};
 use crate::{
     Error, check,
     geometry::{LieGroup, Se3},
@@ -53,7 +56,7 @@ impl Default for FrameTreeParams {
 /// let map_from_lidar = frames.lookup("map", "lidar_link", Stamp::from_seconds(1.5))?;
 /// assert!((map_from_lidar.translation() - Vector3::new(0.55, 5.0, 0.1)).norm() < 1e-12);
 /// assert!(frames.lookup("map", "lidar_link", Stamp::from_seconds(3.0)).is_err()); // the future is not known
-/// # Ok::<(), agv_core::Error>(())
+/// # Ok::<(), agv_core::frames::FrameError>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct FrameTree {
@@ -97,16 +100,16 @@ impl FrameTree {
     /// known are added.
     ///
     /// # Errors
-    /// [`Error::NotFinite`], [`Error::Empty`] for a name, [`Error::FrameCycle`], [`Error::SecondParent`], or
-    /// [`Error::FrameKind`] if the edge is a moving one. The tree is then as it was.
-    pub fn set_static(&mut self, parent: &str, child: &str, parent_from_child: Se3) -> Result<(), Error> {
+    /// [`Error::NotFinite`], [`Error::Empty`] for a name, [`FrameError::Cycle`], [`FrameError::SecondParent`], or
+    /// [`FrameError::EdgeKind`] if the edge is a moving one. The tree is then as it was.
+    pub fn set_static(&mut self, parent: &str, child: &str, parent_from_child: Se3) -> Result<(), FrameError> {
         if let Some(Edge { motion, .. }) = self.check_edge(parent, child, &parent_from_child)? {
             return match motion {
                 Motion::Static(known) => {
                     *known = parent_from_child;
                     Ok(())
                 }
-                Motion::Moving(_) => Err(Error::FrameKind { child: child.to_owned(), is_static: false }),
+                Motion::Moving(_) => Err(FrameError::EdgeKind { child: child.to_owned(), is_static: false }),
             };
         }
         self.join(parent, child, Motion::Static(parent_from_child));
@@ -120,19 +123,19 @@ impl FrameTree {
     /// [`clear_moving`](Self::clear_moving) first.
     ///
     /// # Errors
-    /// [`Error::NotFinite`], [`Error::Empty`] for a name, [`Error::FrameCycle`], [`Error::SecondParent`], or
-    /// [`Error::FrameKind`] if the edge is a static one. The tree is then as it was.
+    /// [`Error::NotFinite`], [`Error::Empty`] for a name, [`FrameError::Cycle`], [`FrameError::SecondParent`], or
+    /// [`FrameError::EdgeKind`] if the edge is a static one. The tree is then as it was.
     pub fn insert(
         &mut self,
         parent: &str,
         child: &str,
         stamp: Stamp,
         parent_from_child: Se3,
-    ) -> Result<Insertion, Error> {
+    ) -> Result<Insertion, FrameError> {
         if let Some(Edge { motion, .. }) = self.check_edge(parent, child, &parent_from_child)? {
             return match motion {
                 Motion::Moving(history) => Ok(history.insert(stamp, parent_from_child)),
-                Motion::Static(_) => Err(Error::FrameKind { child: child.to_owned(), is_static: true }),
+                Motion::Static(_) => Err(FrameError::EdgeKind { child: child.to_owned(), is_static: true }),
             };
         }
         let history = History::new(stamp, parent_from_child, self.params.history, self.params.capacity);
@@ -143,8 +146,8 @@ impl FrameTree {
     /// Cuts `child` off its parent, so that it can be joined to another; its own children stay with it.
     ///
     /// # Errors
-    /// [`Error::UnknownFrame`].
-    pub fn detach(&mut self, child: &str) -> Result<(), Error> {
+    /// [`FrameError::UnknownFrame`].
+    pub fn detach(&mut self, child: &str) -> Result<(), FrameError> {
         let index = self.find(child)?;
         self.frames[index].edge = None;
         Ok(())
@@ -165,32 +168,32 @@ impl FrameTree {
     /// The parent of a frame; `None` for a root.
     ///
     /// # Errors
-    /// [`Error::UnknownFrame`].
-    pub fn parent(&self, frame: &str) -> Result<Option<&str>, Error> {
+    /// [`FrameError::UnknownFrame`].
+    pub fn parent(&self, frame: &str) -> Result<Option<&str>, FrameError> {
         let edge = self.frames[self.find(frame)?].edge.as_ref();
         Ok(edge.map(|edge| self.frames[edge.parent].name.as_str()))
     }
 
-    pub(super) fn find(&self, name: &str) -> Result<usize, Error> {
-        self.index.get(name).copied().ok_or_else(|| Error::UnknownFrame { frame: name.to_owned() })
+    pub(super) fn find(&self, name: &str) -> Result<usize, FrameError> {
+        self.index.get(name).copied().ok_or_else(|| FrameError::UnknownFrame { frame: name.to_owned() })
     }
 
     /// The edge above `child` if it is there and leads to `parent`; an error if the edge must not be.
-    fn check_edge(&mut self, parent: &str, child: &str, pose: &Se3) -> Result<Option<&mut Edge>, Error> {
+    fn check_edge(&mut self, parent: &str, child: &str, pose: &Se3) -> Result<Option<&mut Edge>, FrameError> {
         if parent.is_empty() || child.is_empty() {
-            return Err(Error::Empty { name: "frame name" });
+            return Err(Error::Empty { name: "frame name" }.into());
         }
         if !pose.is_finite() {
-            return Err(Error::NotFinite { name: "transform", value: f64::NAN });
+            return Err(Error::NotFinite { name: "transform", value: f64::NAN }.into());
         }
-        let cycle = || Error::FrameCycle { parent: parent.to_owned(), child: child.to_owned() };
+        let cycle = || FrameError::Cycle { parent: parent.to_owned(), child: child.to_owned() };
         if parent == child {
             return Err(cycle());
         }
         let Some(&child_index) = self.index.get(child) else { return Ok(None) };
         if let Some(known) = self.frames[child_index].edge.as_ref().map(|edge| edge.parent) {
             if self.frames[known].name != parent {
-                return Err(Error::SecondParent {
+                return Err(FrameError::SecondParent {
                     child: child.to_owned(),
                     parent: self.frames[known].name.clone(),
                     second: parent.to_owned(),
@@ -242,18 +245,18 @@ mod tests {
         let (unit, now) = (Se3::default(), Stamp::default());
         let nan = Se3::from(crate::geometry::Se2::new(f64::NAN, 0.0, 0.0));
         let name = str::to_owned;
-        let cycle = |parent, child| Err(Error::FrameCycle { parent: name(parent), child: name(child) });
+        let cycle = |parent, child| Err(FrameError::Cycle { parent: name(parent), child: name(child) });
         assert_eq!(tree.set_static("c", "a", unit), cycle("c", "a"));
         assert_eq!(tree.set_static("d", "d", unit), cycle("d", "d"));
-        let second = Error::SecondParent { child: name("c"), parent: name("b"), second: name("a") };
+        let second = FrameError::SecondParent { child: name("c"), parent: name("b"), second: name("a") };
         assert_eq!(tree.insert("a", "c", now, unit), Err(second));
-        assert_eq!(tree.insert("a", "b", now, unit), Err(Error::FrameKind { child: name("b"), is_static: true }));
-        assert_eq!(tree.set_static("b", "c", unit), Err(Error::FrameKind { child: name("c"), is_static: false }));
-        assert!(matches!(tree.set_static("a", "new", nan), Err(Error::NotFinite { .. })));
-        assert!(matches!(tree.insert("", "new", now, unit), Err(Error::Empty { .. })));
+        assert_eq!(tree.insert("a", "b", now, unit), Err(FrameError::EdgeKind { child: name("b"), is_static: true }));
+        assert_eq!(tree.set_static("b", "c", unit), Err(FrameError::EdgeKind { child: name("c"), is_static: false }));
+        assert!(matches!(tree.set_static("a", "new", nan), Err(FrameError::Core(Error::NotFinite { .. }))));
+        assert!(matches!(tree.insert("", "new", now, unit), Err(FrameError::Core(Error::Empty { .. }))));
         assert_eq!(tree.frames().collect::<Vec<_>>(), ["a", "b", "c"]);
         assert_eq!(tree.parent("c"), Ok(Some("b")));
-        assert_eq!(tree.parent("d"), Err(Error::UnknownFrame { frame: name("d") }));
+        assert_eq!(tree.parent("d"), Err(FrameError::UnknownFrame { frame: name("d") }));
     }
 
     #[test]

@@ -4,6 +4,51 @@ use crate::Error;
 use std::fmt::Debug;
 use std::ops::{Add, Mul, Neg, Sub};
 
+/// Those methods of [`LieGroup`] that are the same for every group: its tangent space is one of vectors and matrices.
+macro_rules! tangent_space {
+    () => {
+        #[inline]
+        fn transpose(matrix: &Self::Matrix) -> Self::Matrix {
+            matrix.transpose()
+        }
+
+        #[inline]
+        fn outer(a: &Self::Tangent, b: &Self::Tangent) -> Self::Matrix {
+            a * b.transpose()
+        }
+
+        fn check_covariance(name: &'static str, matrix: &Self::Matrix) -> Result<(), crate::Error> {
+            crate::check::covariance(name, matrix)
+        }
+
+        fn identity_matrix() -> Self::Matrix {
+            <Self::Matrix>::identity()
+        }
+
+        fn tangent_slice(tangent: &Self::Tangent) -> &[f64] {
+            tangent.as_slice()
+        }
+
+        fn matrix_slice(matrix: &Self::Matrix) -> &[f64] {
+            matrix.as_slice()
+        }
+
+        fn tangent_from_slice(entries: &[f64]) -> Self::Tangent {
+            <Self::Tangent>::from_iterator(entries.iter().copied().chain(std::iter::repeat(0.0)))
+        }
+
+        fn matrix_from_slice(entries: &[f64]) -> Self::Matrix {
+            <Self::Matrix>::from_iterator(entries.iter().copied().chain(std::iter::repeat(0.0)))
+        }
+
+        fn inverse_of(matrix: &Self::Matrix) -> Option<Self::Matrix> {
+            let inverse = matrix.cholesky()?.inverse();
+            inverse.iter().all(|v| v.is_finite()).then_some(inverse)
+        }
+    };
+}
+pub(super) use tangent_space;
+
 pub(super) mod sealed {
     /// Only the groups of this crate implement [`LieGroup`](super::LieGroup): their laws are tested here.
     pub trait Sealed {}
@@ -112,6 +157,22 @@ pub trait LieGroup: Copy + Debug + PartialEq + Default + Send + Sync + sealed::S
 
     /// A tangent from `DOF` entries; missing ones are zero.
     fn tangent_from_slice(entries: &[f64]) -> Self::Tangent;
+
+    /// A tangent-space matrix from `DOF²` entries, column by column; missing ones are zero.
+    fn matrix_from_slice(entries: &[f64]) -> Self::Matrix;
+
+    /// Inverse of a symmetric, positive definite tangent-space matrix: information from a covariance, and back. `None`
+    /// if it is not definite or not finite; of an asymmetric one the lower half counts.
+    ///
+    /// ```
+    /// use agv_core::geometry::{LieGroup, Se2};
+    ///
+    /// let covariance = Se2::matrix_from_slice(&[0.04, 0.0, 0.0, 0.0, 0.01, 0.0, 0.0, 0.0, 0.25]);
+    /// let information = Se2::inverse_of(&covariance).unwrap();
+    /// assert!((information[(1, 1)] - 100.0).abs() < 1e-12);
+    /// assert_eq!(Se2::inverse_of(&-covariance), None);
+    /// ```
+    fn inverse_of(matrix: &Self::Matrix) -> Option<Self::Matrix>;
 
     /// Whether all numbers in it are finite.
     fn is_finite(&self) -> bool;

@@ -1,7 +1,10 @@
 //! Rigid motions of the plane: the poses of a vehicle on a floor.
 
-use super::{LieGroup, So2, group::sealed::Sealed, series};
-use crate::{Error, check};
+use super::{
+    LieGroup, So2,
+    group::{sealed::Sealed, tangent_space},
+    series,
+};
 use nalgebra::{Isometry2, Matrix2, Matrix2x3, Matrix3, Vector2, Vector3};
 use std::ops::Mul;
 
@@ -82,10 +85,10 @@ struct RawSe2 {
 
 #[cfg(feature = "serde")]
 impl TryFrom<RawSe2> for Se2 {
-    type Error = Error;
+    type Error = crate::Error;
 
-    fn try_from(raw: RawSe2) -> Result<Self, Error> {
-        check::all_finite("translation", raw.translation.iter())?;
+    fn try_from(raw: RawSe2) -> Result<Self, crate::Error> {
+        crate::check::all_finite("translation", raw.translation.iter())?;
         Ok(Self::from_parts(raw.translation, raw.rotation))
     }
 }
@@ -192,35 +195,7 @@ impl LieGroup for Se2 {
         Matrix3::new(a, b, -(a * u + b * v), -b, a, b * u - a * v, 0.0, 0.0, 1.0)
     }
 
-    #[inline]
-    fn transpose(matrix: &Self::Matrix) -> Self::Matrix {
-        matrix.transpose()
-    }
-
-    #[inline]
-    fn outer(a: &Self::Tangent, b: &Self::Tangent) -> Self::Matrix {
-        a * b.transpose()
-    }
-
-    fn check_covariance(name: &'static str, matrix: &Self::Matrix) -> Result<(), Error> {
-        check::covariance(name, matrix)
-    }
-
-    fn identity_matrix() -> Self::Matrix {
-        Matrix3::identity()
-    }
-
-    fn tangent_slice(tangent: &Self::Tangent) -> &[f64] {
-        tangent.as_slice()
-    }
-
-    fn matrix_slice(matrix: &Self::Matrix) -> &[f64] {
-        matrix.as_slice()
-    }
-
-    fn tangent_from_slice(entries: &[f64]) -> Self::Tangent {
-        Vector3::from_iterator(entries.iter().copied().chain(std::iter::repeat(0.0)).take(Self::DOF))
-    }
+    tangent_space!();
 
     fn is_finite(&self) -> bool {
         self.translation.iter().all(|v| v.is_finite()) && self.rotation.is_finite()

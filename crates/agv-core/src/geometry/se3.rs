@@ -1,7 +1,11 @@
 //! Rigid motions of space: the poses of sensors, and of vehicles on ramps.
 
-use super::{LieGroup, Se2, So3, group::sealed::Sealed, series, so3::skew};
-use crate::{Error, check};
+use super::{
+    LieGroup, Se2, So3,
+    group::{sealed::Sealed, tangent_space},
+    series,
+    so3::skew,
+};
 use nalgebra::{Isometry3, Matrix3, Matrix3x6, Matrix6, Vector2, Vector3, Vector6};
 use std::ops::Mul;
 
@@ -82,10 +86,10 @@ struct RawSe3 {
 
 #[cfg(feature = "serde")]
 impl TryFrom<RawSe3> for Se3 {
-    type Error = Error;
+    type Error = crate::Error;
 
-    fn try_from(raw: RawSe3) -> Result<Self, Error> {
-        check::all_finite("translation", raw.translation.iter())?;
+    fn try_from(raw: RawSe3) -> Result<Self, crate::Error> {
+        crate::check::all_finite("translation", raw.translation.iter())?;
         Ok(Self::from_parts(raw.translation, raw.rotation))
     }
 }
@@ -171,35 +175,7 @@ impl LieGroup for Se3 {
         upper(&inverse, &(-inverse * q_block(&rho, &theta) * inverse))
     }
 
-    #[inline]
-    fn transpose(matrix: &Self::Matrix) -> Self::Matrix {
-        matrix.transpose()
-    }
-
-    #[inline]
-    fn outer(a: &Self::Tangent, b: &Self::Tangent) -> Self::Matrix {
-        a * b.transpose()
-    }
-
-    fn check_covariance(name: &'static str, matrix: &Self::Matrix) -> Result<(), Error> {
-        check::covariance(name, matrix)
-    }
-
-    fn identity_matrix() -> Self::Matrix {
-        Matrix6::identity()
-    }
-
-    fn tangent_slice(tangent: &Self::Tangent) -> &[f64] {
-        tangent.as_slice()
-    }
-
-    fn matrix_slice(matrix: &Self::Matrix) -> &[f64] {
-        matrix.as_slice()
-    }
-
-    fn tangent_from_slice(entries: &[f64]) -> Self::Tangent {
-        Vector6::from_iterator(entries.iter().copied().chain(std::iter::repeat(0.0)).take(Self::DOF))
-    }
+    tangent_space!();
 
     fn is_finite(&self) -> bool {
         self.translation.iter().all(|v| v.is_finite()) && self.rotation.is_finite()

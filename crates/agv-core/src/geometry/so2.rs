@@ -1,7 +1,9 @@
 //! Rotations of the plane, as unit complex numbers.
 
-use super::{LieGroup, group::sealed::Sealed};
-use crate::{Error, check};
+use super::{
+    LieGroup,
+    group::{sealed::Sealed, tangent_space},
+};
 use nalgebra::{Matrix1, Matrix2, UnitComplex, Vector1, Vector2};
 use std::ops::Mul;
 
@@ -80,9 +82,9 @@ struct RawSo2 {
 
 #[cfg(feature = "serde")]
 impl TryFrom<RawSo2> for So2 {
-    type Error = Error;
+    type Error = crate::Error;
 
-    fn try_from(raw: RawSo2) -> Result<Self, Error> {
+    fn try_from(raw: RawSo2) -> Result<Self, crate::Error> {
         super::check_unit_norm("rotation", raw.cos * raw.cos + raw.sin * raw.sin)?;
         Ok(Self { cos: raw.cos, sin: raw.sin })
     }
@@ -150,34 +152,7 @@ impl LieGroup for So2 {
         Matrix1::identity()
     }
 
-    fn transpose(matrix: &Self::Matrix) -> Self::Matrix {
-        *matrix
-    }
-
-    #[inline]
-    fn outer(a: &Self::Tangent, b: &Self::Tangent) -> Self::Matrix {
-        a * b.transpose()
-    }
-
-    fn check_covariance(name: &'static str, matrix: &Self::Matrix) -> Result<(), Error> {
-        check::covariance(name, matrix)
-    }
-
-    fn identity_matrix() -> Self::Matrix {
-        Matrix1::identity()
-    }
-
-    fn tangent_slice(tangent: &Self::Tangent) -> &[f64] {
-        tangent.as_slice()
-    }
-
-    fn matrix_slice(matrix: &Self::Matrix) -> &[f64] {
-        matrix.as_slice()
-    }
-
-    fn tangent_from_slice(entries: &[f64]) -> Self::Tangent {
-        Vector1::new(entries.first().copied().unwrap_or(0.0))
-    }
+    tangent_space!();
 
     fn is_finite(&self) -> bool {
         self.cos.is_finite() && self.sin.is_finite()

@@ -1,7 +1,10 @@
 //! Rotations of space, as unit quaternions.
 
-use super::{LieGroup, group::sealed::Sealed, series, wrap_angle};
-use crate::{Error, check};
+use super::{
+    LieGroup,
+    group::{sealed::Sealed, tangent_space},
+    series, wrap_angle,
+};
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use std::{f64::consts::FRAC_PI_2, ops::Mul};
 
@@ -69,9 +72,9 @@ struct RawSo3(Quaternion<f64>);
 
 #[cfg(feature = "serde")]
 impl TryFrom<RawSo3> for So3 {
-    type Error = Error;
+    type Error = crate::Error;
 
-    fn try_from(RawSo3(quaternion): RawSo3) -> Result<Self, Error> {
+    fn try_from(RawSo3(quaternion): RawSo3) -> Result<Self, crate::Error> {
         super::check_unit_norm("rotation", quaternion.norm_squared())?;
         Ok(Self(UnitQuaternion::new_unchecked(quaternion)))
     }
@@ -152,35 +155,7 @@ impl LieGroup for So3 {
         Matrix3::identity() - w * 0.5 + w * w * series::half_cot_remainder(tangent.norm())
     }
 
-    #[inline]
-    fn transpose(matrix: &Self::Matrix) -> Self::Matrix {
-        matrix.transpose()
-    }
-
-    #[inline]
-    fn outer(a: &Self::Tangent, b: &Self::Tangent) -> Self::Matrix {
-        a * b.transpose()
-    }
-
-    fn check_covariance(name: &'static str, matrix: &Self::Matrix) -> Result<(), Error> {
-        check::covariance(name, matrix)
-    }
-
-    fn identity_matrix() -> Self::Matrix {
-        Matrix3::identity()
-    }
-
-    fn tangent_slice(tangent: &Self::Tangent) -> &[f64] {
-        tangent.as_slice()
-    }
-
-    fn matrix_slice(matrix: &Self::Matrix) -> &[f64] {
-        matrix.as_slice()
-    }
-
-    fn tangent_from_slice(entries: &[f64]) -> Self::Tangent {
-        Vector3::from_iterator(entries.iter().copied().chain(std::iter::repeat(0.0)).take(Self::DOF))
-    }
+    tangent_space!();
 
     fn is_finite(&self) -> bool {
         self.0.coords.iter().all(|v| v.is_finite())

@@ -123,14 +123,14 @@ impl LikelihoodField {
     /// Parameters that [`validate`](LikelihoodFieldParams::validate) refuses, or a map that is too long for the
     /// [`DistanceTransform`].
     pub fn new(map: &Grid<CellState>, params: LikelihoodFieldParams) -> Result<Self, Error> {
-        Self::with_parallelism(map, params, Par::Seq)
+        Self::build(map, params, Par::Seq)
     }
 
     /// As [`new`](Self::new), on several threads.
     ///
     /// # Errors
     /// As [`new`](Self::new).
-    pub fn with_parallelism(map: &Grid<CellState>, params: LikelihoodFieldParams, par: Par) -> Result<Self, Error> {
+    pub fn build(map: &Grid<CellState>, params: LikelihoodFieldParams, par: Par) -> Result<Self, Error> {
         params.validate()?;
         let layout = *map.layout();
         let distance = DistanceParams {

@@ -86,11 +86,6 @@ impl Mecanum {
         &self.params
     }
 
-    /// `(wheelbase + track) / 2`, in metres.
-    pub(crate) const fn lever(&self) -> f64 {
-        self.lever
-    }
-
     /// Rim speed, in metres per second, that no motion of the vehicle explains: each wheel slips by this amount, the
     /// front ones forwards and the rear ones backwards where it is positive.
     pub fn slip(&self, wheels: &MecanumWheels) -> f64 {

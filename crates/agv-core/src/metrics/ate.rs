@@ -60,7 +60,7 @@ pub fn associate<G: TrajectoryPose>(
 /// How the estimate is moved onto the reference before they are compared.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub enum Alignment {
+pub enum TrajectoryAlignment {
     /// Not at all: both live in one frame.
     None,
     /// So that the first poses agree, as for odometry.
@@ -85,7 +85,7 @@ pub struct AbsoluteError<G> {
 ///
 /// ```
 /// use agv_core::geometry::{LieGroup, Se2};
-/// use agv_core::metrics::{Alignment, absolute_error, associate};
+/// use agv_core::metrics::{TrajectoryAlignment, absolute_error, associate};
 /// use agv_core::time::Stamp;
 ///
 /// // The same drive, written down in two maps.
@@ -96,7 +96,7 @@ pub struct AbsoluteError<G> {
 /// let reference: Vec<_> = estimate.iter().map(|(t, pose)| (*t + 0.004, world_from_map * *pose)).collect();
 ///
 /// let pairs = associate(&reference, &estimate, 0.02)?;
-/// let error = absolute_error(&pairs, Alignment::Rigid)?;
+/// let error = absolute_error(&pairs, TrajectoryAlignment::Rigid)?;
 /// assert!(error.translation.max() < 1e-12 && error.rotation.max() < 1e-12);
 /// assert!(error.reference_from_estimate.minus(&world_from_map).norm() < 1e-12);
 /// # Ok::<(), agv_core::Error>(())
@@ -106,13 +106,13 @@ pub struct AbsoluteError<G> {
 /// [`Error::Empty`] without pairs, [`Error::NotFinite`].
 pub fn absolute_error<G: TrajectoryPose>(
     pairs: &[PosePair<G>],
-    alignment: Alignment,
+    alignment: TrajectoryAlignment,
 ) -> Result<AbsoluteError<G>, Error> {
     let first = pairs.first().ok_or(Error::Empty { name: "pose pairs" })?;
     let reference_from_estimate = match alignment {
-        Alignment::None => G::identity(),
-        Alignment::FirstPose => first.reference.compose(&first.estimate.inverse()),
-        Alignment::Rigid => G::fit(pairs.iter().map(|p| (p.reference, p.estimate))),
+        TrajectoryAlignment::None => G::identity(),
+        TrajectoryAlignment::FirstPose => first.reference.compose(&first.estimate.inverse()),
+        TrajectoryAlignment::Rigid => G::fit(pairs.iter().map(|p| (p.reference, p.estimate))),
     };
     let errors = pairs.iter().map(|p| p.reference.between(&reference_from_estimate.compose(&p.estimate)));
     Ok(AbsoluteError {
@@ -175,9 +175,9 @@ mod tests {
             |x: f64, y: f64| PosePair { stamp: at(x), reference: Se2::new(x, 0.0, 0.0), estimate: Se2::new(x, y, 0.0) };
         let pairs = [pair(0.0, 1.0), pair(1.0, 1.0), pair(2.0, 1.3)];
         let max = |alignment| absolute_error(&pairs, alignment).unwrap().translation.max();
-        assert!((max(Alignment::None) - 1.3).abs() < 1e-12);
-        assert!((max(Alignment::FirstPose) - 0.3).abs() < 1e-12);
-        assert!(max(Alignment::Rigid) < 0.11);
+        assert!((max(TrajectoryAlignment::None) - 1.3).abs() < 1e-12);
+        assert!((max(TrajectoryAlignment::FirstPose) - 0.3).abs() < 1e-12);
+        assert!(max(TrajectoryAlignment::Rigid) < 0.11);
     }
 
     #[test]
@@ -186,6 +186,6 @@ mod tests {
         let bad = [(at(0.0), Se2::new(f64::NAN, 0.0, 0.0))];
         assert!(matches!(associate(&good, &bad, 0.1), Err(Error::NotFinite { .. })));
         assert!(matches!(associate(&good, &good, f64::NAN), Err(Error::Negative { .. })));
-        assert!(matches!(absolute_error::<Se2>(&[], Alignment::Rigid), Err(Error::Empty { .. })));
+        assert!(matches!(absolute_error::<Se2>(&[], TrajectoryAlignment::Rigid), Err(Error::Empty { .. })));
     }
 }

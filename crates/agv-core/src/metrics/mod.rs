@@ -14,7 +14,7 @@ mod relations;
 mod rpe;
 mod statistics;
 
-pub use ate::{AbsoluteError, Alignment, PosePair, absolute_error, associate};
+pub use ate::{AbsoluteError, PosePair, TrajectoryAlignment, absolute_error, associate};
 pub use path::{PathQuality, PathQualityParams};
 pub use pose::TrajectoryPose;
 pub use relations::{Relation, RelationErrors, relation_errors};

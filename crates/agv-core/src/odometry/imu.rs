@@ -3,11 +3,12 @@
 //! The rate between two samples is taken as linear (trapezoid), with the bias subtracted:
 //!
 //! ```text
-//! yaw += ((w0 + w1) / 2 - bias) dt            variance += density² dt            + (bias sigma · time)² in the end
+//! yaw += ((w0 + w1) / 2 - bias) dt            variance += density² dt + sigma² ((T + dt)² - T²)
 //! ```
 //!
-//! White noise makes the variance grow with time, an unknown but constant bias makes the *deviation* grow with it
-//! (Woodman 2007, section 3.2). Gyrodometry (Borenstein and Feng 1996) takes the turn from the gyro, which does not
+//! White noise makes the variance grow with time; an unknown but constant bias of deviation `sigma` makes the
+//! *deviation* grow with the time `T` since it was set (Woodman 2007, section 3.2). Turns that are taken one after
+//! another share this error, so each gets what it adds: their variances sum up to that of the whole, however it is cut. Gyrodometry (Borenstein and Feng 1996) takes the turn from the gyro, which does not
 //! slip, and the distance from the wheels, which do not drift.
 
 use super::OdometryIncrement;
@@ -28,7 +29,7 @@ pub struct YawIncrement {
     pub end: Stamp,
     /// Turn in radians, not wrapped.
     pub yaw: f64,
-    /// Variance of the turn, in rad².
+    /// Variance that the turn adds to those before it, in rad²: the sum over a drive is the variance of its heading.
     pub variance: f64,
 }
 
@@ -48,7 +49,7 @@ pub struct YawIncrement {
 /// # Ok::<(), agv_core::Error>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "RawIntegrator"))]
 pub struct YawIntegrator {
     noise_density: f64,
     bias: f64,
@@ -57,7 +58,42 @@ pub struct YawIntegrator {
     start: Stamp,
     /// Time and rate of the last sample, bias included.
     last: Option<(Stamp, f64)>,
+    /// Time integrated with this bias, in seconds.
+    bias_age: f64,
     yaw: f64,
+    variance: f64,
+}
+
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+struct RawIntegrator {
+    noise_density: f64,
+    bias: f64,
+    bias_sigma: f64,
+    start: Stamp,
+    last: Option<(Stamp, f64)>,
+    bias_age: f64,
+    yaw: f64,
+    variance: f64,
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<RawIntegrator> for YawIntegrator {
+    type Error = Error;
+
+    fn try_from(raw: RawIntegrator) -> Result<Self, Error> {
+        let RawIntegrator { noise_density, bias, bias_sigma, start, last, bias_age, yaw, variance } = raw;
+        let mut fresh = Self::new(noise_density)?;
+        fresh.set_bias(bias, bias_sigma)?;
+        check::non_negative("bias_age", bias_age)?;
+        check::finite("yaw", yaw)?;
+        check::non_negative("variance", variance)?;
+        if let Some((stamp, rate)) = last {
+            check::finite("yaw_rate", rate)?;
+            check::non_negative("span", stamp - start)?;
+        }
+        Ok(Self { start, last, bias_age, yaw, variance, ..fresh })
+    }
 }
 
 impl YawIntegrator {
@@ -67,16 +103,30 @@ impl YawIntegrator {
     /// [`Error::Negative`].
     pub fn new(noise_density: f64) -> Result<Self, Error> {
         check::non_negative("noise_density", noise_density)?;
-        Ok(Self { noise_density, bias: 0.0, bias_sigma: 0.0, start: Stamp::default(), last: None, yaw: 0.0 })
+        Ok(Self {
+            noise_density,
+            bias: 0.0,
+            bias_sigma: 0.0,
+            start: Stamp::default(),
+            last: None,
+            bias_age: 0.0,
+            yaw: 0.0,
+            variance: 0.0,
+        })
     }
 
-    /// The bias that is subtracted from now on, in radians per second, and its standard deviation.
+    /// The bias that is subtracted from the last sample on, in radians per second, and its standard deviation.
+    ///
+    /// A new pair is taken as a new estimate, with an error independent of the last one's; the same pair again changes
+    /// nothing. So set it when the vehicle has stood still, not with every sample.
     ///
     /// # Errors
     /// A bias that is not finite, or a negative deviation; both stay as they were then.
     pub fn set_bias(&mut self, bias: f64, sigma: f64) -> Result<(), Error> {
         let (bias, sigma) = (check::finite("bias", bias)?, check::non_negative("bias sigma", sigma)?);
-        (self.bias, self.bias_sigma) = (bias, sigma);
+        if (bias, sigma) != (self.bias, self.bias_sigma) {
+            (self.bias, self.bias_sigma, self.bias_age) = (bias, sigma, 0.0);
+        }
         Ok(())
     }
 
@@ -102,10 +152,9 @@ impl YawIntegrator {
     pub fn take_until(&mut self, end: Stamp) -> Result<Option<YawIncrement>, Error> {
         let Some((_, rate)) = self.last else { return Ok(None) };
         self.advance(end, rate)?;
-        let (start, yaw, span) = (self.start, self.yaw, end - self.start);
-        (self.start, self.yaw) = (end, 0.0);
-        let (white, drift) = (self.noise_density * self.noise_density * span, self.bias_sigma * span);
-        Ok(Some(YawIncrement { start, end, yaw, variance: white + drift * drift }))
+        let turn = YawIncrement { start: self.start, end, yaw: self.yaw, variance: self.variance };
+        (self.start, self.yaw, self.variance) = (end, 0.0, 0.0);
+        Ok(Some(turn))
     }
 
     fn advance(&mut self, stamp: Stamp, rate: f64) -> Result<(), Error> {
@@ -113,7 +162,14 @@ impl YawIntegrator {
             Some((before, _)) if stamp < before => {
                 return Err(Error::TimeBackwards { earlier_ns: before.nanoseconds(), later_ns: stamp.nanoseconds() });
             }
-            Some((before, last_rate)) => self.yaw += (0.5 * (last_rate + rate) - self.bias) * (stamp - before),
+            Some((before, last_rate)) => {
+                let dt = stamp - before;
+                self.yaw += (0.5 * (last_rate + rate) - self.bias) * dt;
+                // (T + dt)² - T², the drift's share in the form that does not cancel.
+                let drift = self.bias_sigma * self.bias_sigma * dt * (2.0 * self.bias_age + dt);
+                self.variance += self.noise_density * self.noise_density * dt + drift;
+                self.bias_age += dt;
+            }
             None => self.start = stamp,
         }
         self.last = Some((stamp, rate));
@@ -154,71 +210,6 @@ pub fn gyrodometry(wheels: &OdometryIncrement, gyro: &YawIncrement) -> Result<Od
     })
 }
 
-/// The bias of a gyro, from the samples of a vehicle that stands still.
-///
-/// ```
-/// use agv_core::odometry::GyroBiasEstimator;
-///
-/// let mut still = GyroBiasEstimator::new(0.05, 100)?;
-/// for i in 0..200 {
-///     still.push(0.01 + 0.001 * f64::from(i % 2))?;
-/// }
-/// let (bias, sigma) = still.bias().unwrap();
-/// assert!((bias - 0.0105).abs() < 1e-12 && sigma < 1e-4);
-/// # Ok::<(), agv_core::Error>(())
-/// ```
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct GyroBiasEstimator {
-    max_rate: f64,
-    min_samples: u64,
-    count: u64,
-    mean: f64,
-    /// Sum of squared deviations from the mean (Welford 1962).
-    scatter: f64,
-}
-
-impl GyroBiasEstimator {
-    /// An estimator that takes rates above `max_rate` rad/s as motion, and speaks after `min_samples` samples (at least
-    /// two) without any.
-    ///
-    /// # Errors
-    /// [`Error::NotPositive`].
-    pub fn new(max_rate: f64, min_samples: u64) -> Result<Self, Error> {
-        check::positive("max_rate", max_rate)?;
-        Ok(Self { max_rate, min_samples: min_samples.max(2), count: 0, mean: 0.0, scatter: 0.0 })
-    }
-
-    /// Adds a sample of the standing vehicle, in radians per second; one that is motion starts the estimate afresh and
-    /// gives `false`.
-    ///
-    /// # Errors
-    /// [`Error::NotFinite`]; the sample is then left out.
-    pub fn push(&mut self, yaw_rate: f64) -> Result<bool, Error> {
-        check::finite("yaw_rate", yaw_rate)?;
-        if yaw_rate.abs() > self.max_rate {
-            self.reset();
-            return Ok(false);
-        }
-        self.count += 1;
-        let deviation = yaw_rate - self.mean;
-        self.mean += deviation / self.count as f64;
-        self.scatter += deviation * (yaw_rate - self.mean);
-        Ok(true)
-    }
-
-    /// Forgets all samples; call it when the wheels move.
-    pub fn reset(&mut self) {
-        (self.count, self.mean, self.scatter) = (0, 0.0, 0.0);
-    }
-
-    /// Bias and the standard deviation of this estimate, in radians per second; `None` before enough samples.
-    pub fn bias(&self) -> Option<(f64, f64)> {
-        let n = self.count as f64;
-        (self.count >= self.min_samples).then(|| (self.mean, (self.scatter / ((n - 1.0) * n)).sqrt()))
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -248,6 +239,27 @@ mod tests {
             let end = Stamp::from_nanoseconds(time);
             total += gyro.take_until(end).unwrap().unwrap().yaw;
             prop_assert!((total - 0.5 * slope * end.seconds().powi(2)).abs() < 1e-9);
+        }
+
+        /// However the turn is cut, and however often the rate is sampled, the variances sum up to that of the whole.
+        #[test]
+        fn cutting_changes_no_variance(cuts in prop::collection::vec((1_i64..200_000_000, any::<bool>()), 1..200)) {
+            let mut gyro = YawIntegrator::new(1e-3).unwrap();
+            gyro.set_bias(0.1, 0.003).unwrap();
+            gyro.push(Stamp::default(), 0.2).unwrap();
+            let (mut time, mut total) = (0_i64, 0.0);
+            for (gap, taken) in cuts {
+                time += gap;
+                let stamp = Stamp::from_nanoseconds(time);
+                gyro.push(stamp, 0.2).unwrap();
+                if taken {
+                    total += gyro.take_until(stamp).unwrap().unwrap().variance;
+                }
+            }
+            let end = Stamp::from_nanoseconds(time);
+            total += gyro.take_until(end).unwrap().unwrap().variance;
+            let expected = 1e-6 * end.seconds() + (0.003 * end.seconds()).powi(2);
+            prop_assert!((total - expected).abs() < 1e-12 * expected);
         }
 
         /// Wheels that agree with the gyro are left as they are.
@@ -281,6 +293,20 @@ mod tests {
         assert!((turn.variance - (1e-4 * 4.0 + 0.008 * 0.008)).abs() < 1e-15);
     }
 
+    /// Two estimates of the bias err independently; an estimate that is set again does not.
+    #[test]
+    fn a_new_bias_has_an_error_of_its_own() {
+        let mut gyro = YawIntegrator::new(0.0).unwrap();
+        gyro.set_bias(0.0, 0.1).unwrap();
+        gyro.push(at(0.0), 0.0).unwrap();
+        gyro.push(at(2.0), 0.0).unwrap();
+        gyro.set_bias(0.0, 0.1).unwrap();
+        gyro.push(at(3.0), 0.0).unwrap();
+        gyro.set_bias(0.01, 0.2).unwrap();
+        let turn = gyro.take_until(at(4.0)).unwrap().unwrap();
+        assert!((turn.variance - (0.3_f64.powi(2) + 0.2_f64.powi(2))).abs() < 1e-15);
+    }
+
     #[test]
     fn bad_samples_are_left_out() {
         let mut gyro = YawIntegrator::new(1e-3).unwrap();
@@ -295,15 +321,19 @@ mod tests {
         assert!(YawIntegrator::new(-1.0).is_err() && YawIntegrator::new(f64::NAN).is_err());
     }
 
+    #[cfg(feature = "serde")]
     #[test]
-    fn motion_restarts_the_bias() {
-        let mut still = GyroBiasEstimator::new(0.05, 3).unwrap();
-        for rate in [0.01, 0.02, 0.5, 0.01] {
-            still.push(rate).unwrap();
+    fn stored_integrators_are_checked() {
+        let mut gyro = YawIntegrator::new(0.25).unwrap();
+        gyro.push(Stamp::from_nanoseconds(7), 0.5).unwrap();
+        let text = serde_json::to_string(&gyro).unwrap();
+        let read = |text: &str| serde_json::from_str::<YawIntegrator>(text);
+        assert_eq!(read(&text).unwrap(), gyro);
+        for (good, bad) in
+            [("0.25", "-0.25"), ("\"start\":7", "\"start\":8"), ("\"variance\":0.0", "\"variance\":-1.0")]
+        {
+            assert!(text.contains(good) && read(&text.replace(good, bad)).is_err(), "{bad}");
         }
-        assert_eq!(still.bias(), None);
-        assert!(still.push(f64::INFINITY).is_err());
-        assert!(GyroBiasEstimator::new(0.0, 3).is_err() && GyroBiasEstimator::new(f64::NAN, 3).is_err());
     }
 
     #[test]

@@ -8,6 +8,7 @@
 mod calibration;
 mod compose;
 mod encoder;
+mod gyro_bias;
 mod imu;
 mod increment;
 mod rot_trans_rot;
@@ -16,7 +17,8 @@ mod wheels;
 pub use calibration::{SquareRuns, UmbMark};
 pub use compose::OdometryAccumulator;
 pub use encoder::{EncoderParams, TickCounter};
-pub use imu::{GyroBiasEstimator, YawIncrement, YawIntegrator, gyrodometry};
+pub use gyro_bias::GyroBiasEstimator;
+pub use imu::{YawIncrement, YawIntegrator, gyrodometry};
 pub use increment::OdometryIncrement;
 pub use rot_trans_rot::RotTransRot;
 pub use wheels::{RollingModel, WheelNoise, WheelOdometry};

@@ -15,14 +15,18 @@ use super::{EncoderParams, OdometryIncrement, TickCounter};
 use crate::{
     Error, check,
     geometry::{LieGroup, Se2},
-    kinematics::{Ackermann, DifferentialDrive, Mecanum, Tricycle},
+    kinematics::{
+        Ackermann, AckermannWheels, DifferentialDrive, DifferentialWheels, Kinematics, Mecanum, MecanumWheels,
+        Tricycle, TricycleWheels,
+    },
     time::Stamp,
 };
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 /// A vehicle whose motion is linear in `N` wheel angles, at a given steering angle.
 pub trait RollingModel<const N: usize> {
-    /// Motion of the base, as a tangent `(x, y, yaw)`, per radian of each wheel; `steering` in radians.
+    /// Motion of the base, as a tangent `(x, y, yaw)`, per radian of each wheel; `steering` in radians. Its columns are
+    /// what [`Kinematics::forward`] says of one wheel alone.
     fn rolling_matrix(&self, steering: f64) -> SMatrix<f64, 3, N>;
 
     /// Derivative of [`rolling_matrix`](Self::rolling_matrix) with respect to the steering angle.
@@ -34,17 +38,15 @@ pub trait RollingModel<const N: usize> {
 /// Wheels in the order left, right.
 impl RollingModel<2> for DifferentialDrive {
     fn rolling_matrix(&self, _: f64) -> SMatrix<f64, 3, 2> {
-        let p = self.params();
-        let (left, right) = (p.left_radius, p.right_radius);
-        SMatrix::<f64, 3, 2>::new(0.5 * left, 0.5 * right, 0.0, 0.0, -left / p.track, right / p.track)
+        let column = |left, right| self.forward(&DifferentialWheels { left, right }).into();
+        SMatrix::from_columns(&[column(1.0, 0.0), column(0.0, 1.0)])
     }
 }
 
 /// The mean angle of the driven rear wheels.
 impl RollingModel<1> for Ackermann {
     fn rolling_matrix(&self, steering: f64) -> Vector3<f64> {
-        let p = self.params();
-        Vector3::new(p.wheel_radius, 0.0, p.wheel_radius * steering.tan() / p.wheelbase)
+        self.forward(&AckermannWheels { drive: 1.0, steering }).into()
     }
 
     fn rolling_matrix_slope(&self, steering: f64) -> Vector3<f64> {
@@ -56,8 +58,7 @@ impl RollingModel<1> for Ackermann {
 /// The front wheel.
 impl RollingModel<1> for Tricycle {
     fn rolling_matrix(&self, steering: f64) -> Vector3<f64> {
-        let (p, (sin, cos)) = (self.params(), steering.sin_cos());
-        Vector3::new(p.wheel_radius * cos, 0.0, p.wheel_radius * sin / p.wheelbase)
+        self.forward(&TricycleWheels { drive: 1.0, steering }).into()
     }
 
     fn rolling_matrix_slope(&self, steering: f64) -> Vector3<f64> {
@@ -68,15 +69,16 @@ impl RollingModel<1> for Tricycle {
 
 /// Wheels in the order front left, front right, rear left, rear right.
 impl RollingModel<4> for Mecanum {
-    #[rustfmt::skip]
     fn rolling_matrix(&self, _: f64) -> SMatrix<f64, 3, 4> {
-        let q = 0.25 * self.params().wheel_radius;
-        let w = q / self.lever();
-        SMatrix::<f64, 3, 4>::new(
-             q, q,  q,  q,
-            -q, q,  q, -q,
-            -w, w, -w,  w,
-        )
+        let column = |front_left, front_right, rear_left, rear_right| {
+            self.forward(&MecanumWheels { front_left, front_right, rear_left, rear_right }).into()
+        };
+        SMatrix::from_columns(&[
+            column(1.0, 0.0, 0.0, 0.0),
+            column(0.0, 1.0, 0.0, 0.0),
+            column(0.0, 0.0, 1.0, 0.0),
+            column(0.0, 0.0, 0.0, 1.0),
+        ])
     }
 }
 

@@ -14,15 +14,18 @@ use crate::{Error, check};
 use nalgebra::{SMatrix, SVector};
 
 /// A least-squares problem in `N` unknowns around a state of any type.
+///
+/// Sums come through `&mut self`, so that a problem can keep what it needs for them (correspondences, residuals) in
+/// memory of its own; what they say must depend on the state alone.
 pub trait LeastSquares<const N: usize> {
     /// What is sought: a vector, a pose, a camera.
     type State: Clone;
 
     /// Adds every residual at `state` with its Jacobian to the normal equations, which come in empty.
-    fn linearize(&self, state: &Self::State, normal: &mut NormalEquations<N>);
+    fn linearize(&mut self, state: &Self::State, normal: &mut NormalEquations<N>);
 
     /// `½ Σ wᵢ |rᵢ|²` at `state`, with the very weights of [`linearize`](Self::linearize).
-    fn cost(&self, state: &Self::State) -> f64;
+    fn cost(&mut self, state: &Self::State) -> f64;
 
     /// `state ⊕ step`, the state that the Jacobians are with respect to.
     fn retract(&self, state: &Self::State, step: &SVector<f64, N>) -> Self::State;
@@ -88,7 +91,7 @@ impl Default for LevenbergMarquardtParams {
 /// Why an iteration came to its end.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 #[non_exhaustive]
-pub enum Termination {
+pub enum LeastSquaresTermination {
     /// The gradient vanishes: a minimum.
     Gradient,
     /// No step promises to lower the cost any more: a minimum.
@@ -111,13 +114,16 @@ pub struct Minimum<S, const N: usize> {
     /// Steps tried.
     pub iterations: usize,
     /// Why it ended.
-    pub termination: Termination,
+    pub termination: LeastSquaresTermination,
 }
 
 impl<S, const N: usize> Minimum<S, N> {
     /// Whether it ended at a minimum.
     pub const fn converged(&self) -> bool {
-        matches!(self.termination, Termination::Gradient | Termination::Cost | Termination::Step)
+        matches!(
+            self.termination,
+            LeastSquaresTermination::Gradient | LeastSquaresTermination::Cost | LeastSquaresTermination::Step
+        )
     }
 }
 
@@ -132,13 +138,13 @@ impl<S, const N: usize> Minimum<S, N> {
 ///
 /// impl LeastSquares<2> for Trilateration {
 ///     type State = Vector2<f64>;
-///     fn linearize(&self, position: &Vector2<f64>, normal: &mut NormalEquations<2>) {
+///     fn linearize(&mut self, position: &Vector2<f64>, normal: &mut NormalEquations<2>) {
 ///         for (beacon, range) in &self.0 {
 ///             let away = position - beacon;
 ///             normal.add(&Vector1::new(away.norm() - range), &away.normalize().transpose(), 1.0);
 ///         }
 ///     }
-///     fn cost(&self, position: &Vector2<f64>) -> f64 {
+///     fn cost(&mut self, position: &Vector2<f64>) -> f64 {
 ///         self.0.iter().map(|(beacon, range)| 0.5 * ((position - beacon).norm() - range).powi(2)).sum()
 ///     }
 ///     fn retract(&self, position: &Vector2<f64>, step: &SVector<f64, 2>) -> Vector2<f64> {
@@ -148,9 +154,9 @@ impl<S, const N: usize> Minimum<S, N> {
 ///
 /// let truth = Vector2::new(2.0, 1.0);
 /// let beacons = [Vector2::new(0.0, 0.0), Vector2::new(5.0, 0.0), Vector2::new(0.0, 4.0)];
-/// let problem = Trilateration(beacons.map(|b| (b, (truth - b).norm())));
+/// let mut problem = Trilateration(beacons.map(|b| (b, (truth - b).norm())));
 /// let solver = LevenbergMarquardt::new(LevenbergMarquardtParams::default())?;
-/// let found = solver.minimize(&problem, Vector2::new(4.0, 4.0))?;
+/// let found = solver.minimize(&mut problem, Vector2::new(4.0, 4.0))?;
 /// assert!(found.converged() && (found.state - truth).norm() < 1e-9);
 /// # Ok::<(), agv_core::Error>(())
 /// ```
@@ -184,7 +190,7 @@ impl LevenbergMarquardt {
     /// [`Error::NotFinite`] if the residuals or the Jacobians at a state of finite cost are not.
     pub fn minimize<const N: usize, P: LeastSquares<N>>(
         &self,
-        problem: &P,
+        problem: &mut P,
         start: P::State,
     ) -> Result<Minimum<P::State, N>, Error> {
         let params = &self.params;
@@ -198,10 +204,10 @@ impl LevenbergMarquardt {
         let termination = loop {
             scale = scale.zip_map(&normal.hessian.diagonal(), f64::max);
             if gradient_cosine(&normal) <= params.gradient_tolerance {
-                break Termination::Gradient;
+                break LeastSquaresTermination::Gradient;
             }
             if iterations >= params.max_iterations {
-                break Termination::MaxIterations;
+                break LeastSquaresTermination::MaxIterations;
             }
             iterations += 1;
             let mut damped = normal.hessian;
@@ -215,7 +221,7 @@ impl LevenbergMarquardt {
                 let promised = 0.5 * step.dot(&(scale.component_mul(&step) * damping - normal.gradient));
                 (best_promise, longest_step) = (best_promise.max(promised), longest_step.max(step.amax()));
                 if best_promise <= params.cost_tolerance * normal.cost {
-                    break Termination::Cost;
+                    break LeastSquaresTermination::Cost;
                 }
                 let trial = problem.retract(&state, &step);
                 let gained = normal.cost - problem.cost(&trial);
@@ -227,7 +233,7 @@ impl LevenbergMarquardt {
                     (growth, best_promise, longest_step, accepted) = (2.0, 0.0, 0.0, true);
                 }
                 if step.amax() <= params.step_tolerance {
-                    break Termination::Step;
+                    break LeastSquaresTermination::Step;
                 }
             }
             if !accepted {
@@ -236,7 +242,7 @@ impl LevenbergMarquardt {
                 if damping > MAX_DAMPING {
                     // At a perfect fit the cost itself is rounding, and so is the step.
                     let at_rest = best_promise <= ROUNDING * normal.cost || longest_step <= 1e-13;
-                    break if at_rest { Termination::Cost } else { Termination::Stalled };
+                    break if at_rest { LeastSquaresTermination::Cost } else { LeastSquaresTermination::Stalled };
                 }
             }
         };
@@ -245,7 +251,7 @@ impl LevenbergMarquardt {
 }
 
 fn linearize<const N: usize, P: LeastSquares<N>>(
-    problem: &P,
+    problem: &mut P,
     state: &P::State,
     normal: &mut NormalEquations<N>,
 ) -> Result<(), Error> {

@@ -5,5 +5,5 @@ mod levenberg_marquardt;
 
 pub use banded::{BandedCholesky, BandedMatrix};
 pub use levenberg_marquardt::{
-    LeastSquares, LevenbergMarquardt, LevenbergMarquardtParams, Minimum, NormalEquations, Termination,
+    LeastSquares, LeastSquaresTermination, LevenbergMarquardt, LevenbergMarquardtParams, Minimum, NormalEquations,
 };

@@ -53,5 +53,5 @@ pub use masks::{Connectivity, CornerRule};
 pub use potential::Potential;
 pub use queue::{BucketQueue, Entry, HeapQueue, OpenList};
 pub use search::{Limits, SearchEnd, SearchResult, SearchSpace, Workspace};
-pub use space::{GridParams, GridSpace, Uniform, UnknownSpace, Weighted};
+pub use space::{GridParams, GridSpace, Uniform, UnknownCells, Weighted};
 pub use step::{DIAGONAL, STRAIGHT, Step};

@@ -14,7 +14,7 @@ use agv_core::{
 /// What a planner makes of cells that nobody has observed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub enum UnknownSpace {
+pub enum UnknownCells {
     /// They may not be entered.
     #[default]
     Blocked,
@@ -32,7 +32,7 @@ pub struct GridParams {
     /// Whether diagonal steps may pass the corners of blocked cells.
     pub corner_rule: CornerRule,
     /// What to make of unknown cells.
-    pub unknown: UnknownSpace,
+    pub unknown: UnknownCells,
     /// How much dearer than a free cell the dearest one is, without unit, from 0 to [`GridParams::MAX_COST_WEIGHT`]. A step
     /// of length l between cells of costs a and b costs `l (1 + cost_weight (a + b) / 2 / 252)` metres; at zero, the
     /// default, costs only decide where the vehicle may go, and the shortest path is found. Nav2's Smac planner has 2.
@@ -87,7 +87,7 @@ impl GridSpace {
     pub fn new(params: GridParams) -> Result<Self, Error> {
         check::in_range("cost_weight", params.cost_weight, 0.0, GridParams::MAX_COST_WEIGHT)?;
         let seen_as = |value: u8| match params.unknown {
-            UnknownSpace::AtCost(stand_in) if value == cost::UNKNOWN => stand_in,
+            UnknownCells::AtCost(stand_in) if value == cost::UNKNOWN => stand_in,
             _ => value,
         };
         let (mut passable, mut step_costs) = ([false; 256], Box::new([[0; 2]; 256]));
@@ -248,7 +248,7 @@ impl GridSpace {
     /// Cost of a cell as the search sees it.
     fn seen_cost(&self, node: u32) -> f64 {
         match (self.costs.get(node as usize), self.params.unknown) {
-            (Some(&cost::UNKNOWN), UnknownSpace::AtCost(stand_in)) => f64::from(stand_in),
+            (Some(&cost::UNKNOWN), UnknownCells::AtCost(stand_in)) => f64::from(stand_in),
             (Some(&value), _) => f64::from(value),
             (None, _) => 0.0,
         }
