@@ -79,7 +79,7 @@ fn levenberg_marquardt(c: &mut Criterion) {
     let mut group = c.benchmark_group("solve/Levenberg–Marquardt");
     group.throughput(Throughput::Elements(100));
     group.bench_function("SE(2) from 100 points", |b| {
-        b.iter(|| solver.minimize(black_box(&mut problem), Se2::default()))
+        b.iter(|| solver.minimize(black_box(&mut problem), Se2::default()));
     });
     group.finish();
 }
