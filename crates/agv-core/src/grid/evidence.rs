@@ -215,10 +215,16 @@ impl EvidenceGrid {
     /// The map that localizers and planners take.
     pub fn states(&self, thresholds: &OccupancyThresholds) -> Grid<CellState> {
         let mut states = Grid::filled(self.layout(), CellState::Unknown);
+        self.states_into(thresholds, &mut states);
+        states
+    }
+
+    /// As [`states`](Self::states), into a grid whose layout and values are replaced; allocates only if it must grow.
+    pub fn states_into(&self, thresholds: &OccupancyThresholds, states: &mut Grid<CellState>) {
+        states.reshape(self.layout(), CellState::Unknown);
         for (state, &value) in states.values_mut().iter_mut().zip(&self.values) {
             *state = thresholds.state_of_log_odds(read(value));
         }
-        states
     }
 
     /// Adds the evidence of a scan taken at `map_from_base`, growing the grid where the scan leaves it.

@@ -192,7 +192,17 @@ impl OccupancyGrid {
 
     /// The map that planners take.
     pub fn states(&self, thresholds: &OccupancyThresholds) -> Grid<CellState> {
-        self.values.map(|&value| thresholds.state_of_log_odds(f64::from(value) * QUANTUM))
+        let mut states = Grid::filled(*self.layout(), CellState::Unknown);
+        self.states_into(thresholds, &mut states);
+        states
+    }
+
+    /// As [`states`](Self::states), into a grid whose layout and values are replaced; allocates only if it must grow.
+    pub fn states_into(&self, thresholds: &OccupancyThresholds, states: &mut Grid<CellState>) {
+        states.reshape(*self.layout(), CellState::Unknown);
+        for (state, &value) in states.values_mut().iter_mut().zip(self.values.values()) {
+            *state = thresholds.state_of_log_odds(f64::from(value) * QUANTUM);
+        }
     }
 
     /// Updates the cells that a scan taken at `map_from_base` crosses and hits; what lies outside the grid is left out.
