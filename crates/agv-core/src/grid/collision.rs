@@ -195,7 +195,7 @@ impl CollisionChecker {
     }
 
     fn touches(&self, pose: &Se2, margin: f64) -> bool {
-        let layout = *self.blocked.layout();
+        let layout = self.blocked.layout();
         let resolution = layout.resolution();
         if self.clearance(pose) > margin * resolution * SQRT_2 {
             return false;
@@ -209,7 +209,7 @@ impl CollisionChecker {
         let (width, height) = (layout.width() as i32, layout.height() as i32);
         let outside = self.params.outside_is_obstacle;
         let blocked = &self.blocked;
-        self.footprint.any_run(&layout, pose, margin, |row, first, last| {
+        self.footprint.any_run(layout, pose, margin, |row, first, last| {
             let inside = row >= 0 && row < height && last >= 0 && first < width;
             if outside && !(inside && first >= 0 && last < width) {
                 return true;
