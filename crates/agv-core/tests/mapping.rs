@@ -160,7 +160,8 @@ fn evidence_does_not_overflow() {
         assert!(refused.is_ok() || matches!(refused, Err(Error::OutOfRange { name: "evidence", .. })));
     }
     let before = map.clone();
-    assert!(map.evidence().iter().any(|v| v.unsigned_abs() > i32::MAX.unsigned_abs() - 15 * 217));
+    let once_at_most = 15 * map.model().hit().unsigned_abs();
+    assert!(map.evidence().iter().any(|v| v.unsigned_abs() > i32::MAX.unsigned_abs() - once_at_most));
     assert!(matches!(map.insert_scan(&once, &pose), Err(Error::OutOfRange { name: "evidence", .. })));
     assert!(map == before);
     let cell = map.layout().cell_at(&Vector2::new(1.0, 0.0)).unwrap();

@@ -42,7 +42,7 @@ const CHUNK: i64 = 64;
 ///
 /// let states = map.states(&OccupancyThresholds::default());
 /// let at = |x, y| states.layout().cell_at(&Vector2::new(x, y)).and_then(|cell| states.get(cell).copied());
-/// assert_eq!(at(2.0, 0.0), Some(CellState::Free));
+/// assert_eq!(at(1.0, 0.0), Some(CellState::Free));
 /// assert_eq!(at(4.02, 0.01), Some(CellState::Occupied));
 /// assert_eq!(at(-2.0, 0.0), Some(CellState::Unknown), "behind the scanner");
 /// # Ok::<(), agv_core::Error>(())

@@ -29,9 +29,13 @@ pub struct OccupancyParams {
 }
 
 impl Default for OccupancyParams {
-    /// `OctoMap`'s clamping thresholds, 0.1192 and 0.971 (-2 and 3.5 in log-odds), without decay.
+    /// `OctoMap`'s 0.7 and 0.4, clamped to 0.1192 and 0.971 (-2 and 3.5 in log-odds), without decay.
+    ///
+    /// The mapping grid's weaker evidence of free space is not needed where evidence is clamped, and would make this
+    /// grid forget half as fast.
     fn default() -> Self {
-        Self { model: InverseModelParams::default(), p_min: 0.1192, p_max: 0.971, half_life: None }
+        let model = InverseModelParams { p_hit: 0.7, p_miss: 0.4, ..Default::default() };
+        Self { model, p_min: 0.1192, p_max: 0.971, half_life: None }
     }
 }
 
