@@ -39,7 +39,7 @@ fn collision(c: &mut Criterion) {
         ("l_shape", Footprint::polygon(l_shape.map(|(x, y)| [x, y].into()).into())),
     ] {
         let footprint = footprint.expect("a good shape");
-        let mut checker = CollisionChecker::new(&map, footprint, CollisionParams::default()).expect("a good map");
+        let checker = CollisionChecker::new(&map, footprint, CollisionParams::default()).expect("a good map");
         let free: usize = poses.iter().filter(|p| checker.collides(p) == Ok(false)).count();
         assert!(free > 200 && free < 1990, "{free} poses are free");
         group.bench_function(format!("pose/{shape}"), |b| {

@@ -32,7 +32,7 @@ fn hall(lines: u16, directions: u32) -> PointCloud {
         }
     }
     let mount = Se3::from_parts(Vector3::new(0.3, 0.0, 1.5), So3::from_roll_pitch_yaw(0.0, 0.02, 0.0));
-    let cloud = PointCloud::from_points(points).with_mount(mount);
+    let cloud = PointCloud::from_points(points).with_mount(mount).expect("a finite pose");
     cloud.with_ring(rings).and_then(|c| c.with_time(times)).expect("channels of equal length")
 }
 

@@ -27,7 +27,7 @@ fn returns(radius: f32) -> impl Iterator<Item = LidarReturn> {
 
 fn cloud(radius: f32) -> PointCloud {
     let mount = Se3::from_parts(Vector3::new(0.0, 0.0, 1.2), So3::default());
-    let mut cloud = PointCloud::default().with_mount(mount);
+    let mut cloud = PointCloud::default().with_mount(mount).unwrap();
     cloud = cloud.with_intensity(vec![]).unwrap().with_ring(vec![]).unwrap().with_time(vec![]).unwrap();
     cloud.refill(Stamp::default(), returns(radius));
     assert!(cloud.ring().is_some() && cloud.time().is_some() && cloud.len() == 14_400);

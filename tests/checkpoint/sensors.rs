@@ -24,7 +24,7 @@ fn scan() -> LaserScan {
 fn cloud() -> PointCloud {
     let mount = Se3::from_parts(Vector3::new(0.1, 0.2, 1.3), So3::from_roll_pitch_yaw(0.1, 0.2, 0.3));
     let [x, y, z] = [1, 2, 3].map(|shift| READINGS.iter().cycle().skip(shift).take(9).copied().collect());
-    PointCloud::new(x, y, z).unwrap().with_mount(mount).with_stamp(Stamp::from_nanoseconds(-7))
+    PointCloud::new(x, y, z).unwrap().with_mount(mount).unwrap().with_stamp(Stamp::from_nanoseconds(-7))
 }
 
 #[test]

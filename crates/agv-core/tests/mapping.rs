@@ -4,7 +4,7 @@ use agv_core::{
     Error,
     geometry::Se2,
     grid::{
-        Cell, CellState, EvidenceGrid, GridLayout, InverseModelParams, NoReturn, OccupancyGrid, OccupancyParams,
+        Cell, CellState, EvidenceGrid, Grid, GridLayout, InverseModelParams, NoReturn, OccupancyGrid, OccupancyParams,
         OccupancyThresholds, QUANTUM, Traversal,
     },
     nalgebra::Vector2,
@@ -160,7 +160,8 @@ fn evidence_does_not_overflow() {
         assert!(refused.is_ok() || matches!(refused, Err(Error::OutOfRange { name: "evidence", .. })));
     }
     let before = map.clone();
-    assert!(map.evidence().iter().any(|v| v.unsigned_abs() > i32::MAX.unsigned_abs() - 15 * 217));
+    let once_at_most = 15 * map.model().hit().unsigned_abs();
+    assert!(map.evidence().iter().any(|v| v.unsigned_abs() > i32::MAX.unsigned_abs() - once_at_most));
     assert!(matches!(map.insert_scan(&once, &pose), Err(Error::OutOfRange { name: "evidence", .. })));
     assert!(map == before);
     let cell = map.layout().cell_at(&Vector2::new(1.0, 0.0)).unwrap();
@@ -272,4 +273,19 @@ fn checkpoints_resume_to_the_bit() {
     assert!(map == restored && live == live_restored);
     let broken = serde_json::to_string(&map).unwrap().replacen("\"width\":", "\"width\":1", 1);
     assert!(serde_json::from_str::<EvidenceGrid>(&broken).is_err());
+}
+
+#[test]
+fn states_are_written_over_another_grid() {
+    let thresholds = OccupancyThresholds::default();
+    let mut states = Grid::filled(GridLayout::new(3, 3, 1.0, Se2::default()).unwrap(), CellState::Occupied);
+    let mut live = OccupancyGrid::new(layout(), OccupancyParams::default()).unwrap();
+    live.insert_scan(&scan(vec![1.04; 20]), &Se2::default()).unwrap();
+    live.states_into(&thresholds, &mut states);
+    assert_eq!(states, live.states(&thresholds));
+    assert!(states.values().contains(&CellState::Occupied) && states.values().contains(&CellState::Free));
+    let map = mapped(&[(scan(vec![9.0; 20]), Se2::default())]);
+    map.states_into(&thresholds, &mut states);
+    assert_eq!((states.layout(), states.values().len()), (&map.layout(), map.layout().len()));
+    assert_eq!(states, map.states(&thresholds));
 }

@@ -158,7 +158,7 @@ impl Lidar {
         let azimuths = (0..params.columns).map(|i| unit(TAU * i as f64 / params.columns as f64)).collect();
         let elevations: Vec<_> = params.elevations.iter().map(|&e| unit(e)).collect();
         let returns = vec![LidarReturn::default(); params.columns * elevations.len()];
-        let mut cloud = PointCloud::default().with_mount(params.base_from_sensor);
+        let mut cloud = PointCloud::default().with_mount(params.base_from_sensor)?;
         // Makes room for every return, so that no later scan allocates.
         cloud.refill(Stamp::default(), returns.iter().copied());
         Ok(Self { params, seed, par: Par::Seq, step: 0, azimuths, elevations, returns, cloud })

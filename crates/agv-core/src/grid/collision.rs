@@ -14,7 +14,6 @@ use crate::{
     Error, check,
     geometry::{LieGroup, Se2, Twist2},
 };
-use nalgebra::Vector2;
 use std::f64::consts::{FRAC_1_SQRT_2, SQRT_2};
 
 /// What a vehicle may not touch.
@@ -36,13 +35,15 @@ impl Default for CollisionParams {
 
 /// Checks poses and motions of one vehicle against one map.
 ///
+/// Queries read only and do not allocate, so that planners on several threads may share one checker.
+///
 /// ```
 /// use agv_core::geometry::{Se2, Twist2};
 /// use agv_core::grid::{Cell, CellState, CollisionChecker, CollisionParams, Footprint, Grid, GridLayout};
 ///
 /// let mut map = Grid::filled(GridLayout::new(200, 100, 0.05, Se2::default())?, CellState::Free);
 /// map.set(Cell::new(100, 50), CellState::Occupied);
-/// let mut checker = CollisionChecker::new(&map, Footprint::rectangle(-0.5, 0.5, 0.6)?, CollisionParams::default())?;
+/// let checker = CollisionChecker::new(&map, Footprint::rectangle(-0.5, 0.5, 0.6)?, CollisionParams::default())?;
 /// let start = Se2::new(2.0, 2.5, 0.0);
 /// assert!(!checker.collides(&start)?);
 /// assert!(checker.collides_along(&start, &Twist2::new(1.0, 0.0, 0.0), 6.0)?);
@@ -55,7 +56,6 @@ pub struct CollisionChecker {
     blocked: Grid<bool>,
     transform: DistanceTransform,
     distance: Grid<f32>,
-    vertices: Vec<Vector2<f64>>,
 }
 
 /// Growth of the footprint between samples of a motion, in cells.
@@ -77,7 +77,6 @@ impl CollisionChecker {
             blocked: Grid::filled(*map.layout(), false),
             transform: DistanceTransform::new(rule)?,
             distance: Grid::filled(*map.layout(), 0.0),
-            vertices: Vec::new(),
         };
         checker.set_map(map)?;
         Ok(checker)
@@ -97,6 +96,11 @@ impl CollisionChecker {
         Ok(())
     }
 
+    /// Takes another outline, as when a load is taken up; the map stays. O(1).
+    pub fn set_footprint(&mut self, footprint: Footprint) {
+        self.footprint = footprint;
+    }
+
     /// The vehicle's outline.
     pub const fn footprint(&self) -> &Footprint {
         &self.footprint
@@ -111,7 +115,7 @@ impl CollisionChecker {
     ///
     /// # Errors
     /// A pose that is not finite, or 2^28 cells away.
-    pub fn collides(&mut self, map_from_base: &Se2) -> Result<bool, Error> {
+    pub fn collides(&self, map_from_base: &Se2) -> Result<bool, Error> {
         self.check_pose(map_from_base)?;
         Ok(self.touches(map_from_base, 0.0))
     }
@@ -122,7 +126,7 @@ impl CollisionChecker {
     ///
     /// # Errors
     /// A pose or twist that is not finite, a negative `dt`, or more than [`MAX_SAMPLES`](Self::MAX_SAMPLES) samples.
-    pub fn collides_along(&mut self, map_from_base: &Se2, twist: &Twist2, dt: f64) -> Result<bool, Error> {
+    pub fn collides_along(&self, map_from_base: &Se2, twist: &Twist2, dt: f64) -> Result<bool, Error> {
         self.check_pose(map_from_base)?;
         check::all_finite("twist", &[twist.vx, twist.vy, twist.yaw_rate])?;
         check::non_negative("dt", dt)?;
@@ -159,7 +163,7 @@ impl CollisionChecker {
     ///
     /// # Errors
     /// As [`collides_along`](Self::collides_along).
-    pub fn collides_between(&mut self, from: &Se2, to: &Se2) -> Result<bool, Error> {
+    pub fn collides_between(&self, from: &Se2, to: &Se2) -> Result<bool, Error> {
         self.check_pose(to)?;
         self.collides_along(from, &Twist2::from(to.minus(from)), 1.0)
     }
@@ -190,8 +194,8 @@ impl CollisionChecker {
         to_obstacle - self.footprint.circumscribed_radius()
     }
 
-    fn touches(&mut self, pose: &Se2, margin: f64) -> bool {
-        let layout = *self.blocked.layout();
+    fn touches(&self, pose: &Se2, margin: f64) -> bool {
+        let layout = self.blocked.layout();
         let resolution = layout.resolution();
         if self.clearance(pose) > margin * resolution * SQRT_2 {
             return false;
@@ -205,7 +209,7 @@ impl CollisionChecker {
         let (width, height) = (layout.width() as i32, layout.height() as i32);
         let outside = self.params.outside_is_obstacle;
         let blocked = &self.blocked;
-        self.footprint.any_run(&layout, pose, margin, &mut self.vertices, |row, first, last| {
+        self.footprint.any_run(layout, pose, margin, |row, first, last| {
             let inside = row >= 0 && row < height && last >= 0 && first < width;
             if outside && !(inside && first >= 0 && last < width) {
                 return true;
@@ -223,6 +227,7 @@ impl CollisionChecker {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use nalgebra::Vector2;
     use proptest::prelude::*;
 
     const RESOLUTION: f64 = 0.05;
@@ -304,7 +309,7 @@ mod tests {
             map in any_map(), footprint in any_footprint(), x in -5.0..65.0_f64, y in -5.0..55.0_f64, yaw in -3.2..3.2_f64, outside: bool,
         ) {
             let params = CollisionParams { unknown_is_obstacle: true, outside_is_obstacle: outside };
-            let mut checker = CollisionChecker::new(&map, footprint.clone(), params).unwrap();
+            let checker = CollisionChecker::new(&map, footprint.clone(), params).unwrap();
             let pose = pose_in(&map, x, y, yaw);
             if checker.collides(&pose).unwrap() {
                 prop_assert!(near(&map, &footprint, &pose, 0.15 * RESOLUTION, outside), "nothing is there");
@@ -319,7 +324,7 @@ mod tests {
             map in any_map(), footprint in any_footprint(), x in 5.0..55.0_f64, y in 5.0..45.0_f64, yaw in -3.2..3.2_f64,
             vx in -1.0..1.0_f64, vy in -0.3..0.3_f64, w in -2.0..2.0_f64, dt in 0.0..1.5_f64,
         ) {
-            let mut checker = CollisionChecker::new(&map, footprint, CollisionParams::default()).unwrap();
+            let checker = CollisionChecker::new(&map, footprint, CollisionParams::default()).unwrap();
             let (start, twist) = (pose_in(&map, x, y, yaw), Twist2::new(vx, vy, w));
             let poses: Vec<Se2> = (0..=400).map(|i| start.compose(&twist.integrate(dt * f64::from(i) / 400.0))).collect();
             if checker.collides_along(&start, &twist, dt).unwrap() {
@@ -337,17 +342,42 @@ mod tests {
         let mut map = Grid::filled(GridLayout::new(400, 40, RESOLUTION, Se2::default()).unwrap(), CellState::Free);
         map.set(Cell::new(200, 20), CellState::Occupied);
         let needle = Footprint::circle(0.001).unwrap();
-        let mut checker = CollisionChecker::new(&map, needle, CollisionParams::default()).unwrap();
+        let checker = CollisionChecker::new(&map, needle, CollisionParams::default()).unwrap();
         let start = Se2::new(1.0, 20.5 * RESOLUTION, 0.0);
         assert!(checker.collides_along(&start, &Twist2::new(1000.0, 0.0, 0.0), 0.0185).unwrap());
         assert!(!checker.collides_along(&start, &Twist2::new(1.0, 0.0, 0.0), 8.9).unwrap());
     }
 
     #[test]
+    fn threads_share_a_checker_and_a_load_changes_the_outline() {
+        let mut map = Grid::filled(GridLayout::new(100, 60, RESOLUTION, Se2::default()).unwrap(), CellState::Free);
+        map.set(Cell::new(50, 30), CellState::Occupied);
+        let empty = Footprint::rectangle(-0.3, 0.3, 0.3).unwrap();
+        let mut checker = CollisionChecker::new(&map, empty.clone(), CollisionParams::default()).unwrap();
+        let poses: Vec<Se2> = (0..200).map(|i| Se2::new(0.5 + 0.02 * f64::from(i), 1.25, 0.1 * f64::from(i))).collect();
+        let count = |checker: &CollisionChecker| poses.iter().filter(|p| checker.collides(p).unwrap()).count();
+        let alone = count(&checker);
+        std::thread::scope(|scope| {
+            let threads: Vec<_> = (0..3).map(|_| scope.spawn(|| count(&checker))).collect();
+            for thread in threads {
+                assert_eq!(thread.join().unwrap(), alone);
+            }
+        });
+        let many = (0..40).map(|i| f64::from(i) * 0.157).map(|a| 0.5 * Vector2::new(a.cos(), a.sin())).collect();
+        for loaded in [Footprint::rectangle(-0.3, 0.5, 0.8).unwrap(), Footprint::polygon(many).unwrap()] {
+            checker.set_footprint(loaded.clone());
+            let anew = CollisionChecker::new(&map, loaded, CollisionParams::default()).unwrap();
+            assert_eq!(count(&checker), count(&anew));
+            assert!(count(&checker) > alone);
+        }
+        checker.set_footprint(empty);
+        assert_eq!(count(&checker), alone);
+    }
+
+    #[test]
     fn bad_input_is_named() {
         let map = Grid::filled(GridLayout::new(40, 40, RESOLUTION, Se2::default()).unwrap(), CellState::Free);
-        let mut checker =
-            CollisionChecker::new(&map, Footprint::circle(0.1).unwrap(), CollisionParams::default()).unwrap();
+        let checker = CollisionChecker::new(&map, Footprint::circle(0.1).unwrap(), CollisionParams::default()).unwrap();
         let (here, still) = (Se2::new(1.0, 1.0, 0.0), Twist2::ZERO);
         assert!(checker.collides(&Se2::new(f64::NAN, 0.0, 0.0)).is_err());
         assert!(checker.collides(&Se2::new(1e300, 0.0, 0.0)).is_err());

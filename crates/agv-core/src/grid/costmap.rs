@@ -60,9 +60,41 @@ impl Costmap {
         self.grid.get(cell).copied()
     }
 
+    /// Sets the cost of a cell and says whether it belongs to the map; outside, nothing changes.
+    #[inline]
+    pub fn set(&mut self, cell: Cell, cost: u8) -> bool {
+        self.grid.set(cell, cost)
+    }
+
+    /// Costs, row by row from the lower-left, for layers that write them.
+    pub fn costs_mut(&mut self) -> &mut [u8] {
+        self.grid.values_mut()
+    }
+
+    /// The costs as a grid; undoes [`from_costs`](Self::from_costs).
+    pub fn into_grid(self) -> Grid<u8> {
+        self.grid
+    }
+
     /// Whether the vehicle's centre may stand in the cell: known, inside, and below [`cost::INSCRIBED`].
     #[inline]
     pub fn is_traversable(&self, cell: Cell) -> bool {
         self.cost(cell).is_some_and(|c| c <= cost::MAX_NON_OBSTACLE)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::geometry::Se2;
+
+    #[test]
+    fn what_is_written_is_read() {
+        let layout = GridLayout::new(3, 2, 0.1, Se2::default()).unwrap();
+        let mut costmap = Costmap::from_map(&Grid::filled(layout, CellState::Free));
+        assert!(costmap.set(Cell::new(2, 1), cost::LETHAL) && !costmap.set(Cell::new(3, 1), cost::LETHAL));
+        costmap.costs_mut()[0] = cost::UNKNOWN;
+        assert!(!costmap.is_traversable(Cell::new(2, 1)) && !costmap.is_traversable(Cell::new(0, 0)));
+        assert_eq!(costmap.into_grid().values(), [255, 0, 0, 0, 0, 254]);
     }
 }

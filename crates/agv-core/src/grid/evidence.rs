@@ -42,7 +42,7 @@ const CHUNK: i64 = 64;
 ///
 /// let states = map.states(&OccupancyThresholds::default());
 /// let at = |x, y| states.layout().cell_at(&Vector2::new(x, y)).and_then(|cell| states.get(cell).copied());
-/// assert_eq!(at(2.0, 0.0), Some(CellState::Free));
+/// assert_eq!(at(1.0, 0.0), Some(CellState::Free));
 /// assert_eq!(at(4.02, 0.01), Some(CellState::Occupied));
 /// assert_eq!(at(-2.0, 0.0), Some(CellState::Unknown), "behind the scanner");
 /// # Ok::<(), agv_core::Error>(())
@@ -215,10 +215,16 @@ impl EvidenceGrid {
     /// The map that localizers and planners take.
     pub fn states(&self, thresholds: &OccupancyThresholds) -> Grid<CellState> {
         let mut states = Grid::filled(self.layout(), CellState::Unknown);
+        self.states_into(thresholds, &mut states);
+        states
+    }
+
+    /// As [`states`](Self::states), into a grid whose layout and values are replaced; allocates only if it must grow.
+    pub fn states_into(&self, thresholds: &OccupancyThresholds, states: &mut Grid<CellState>) {
+        states.reshape(self.layout(), CellState::Unknown);
         for (state, &value) in states.values_mut().iter_mut().zip(&self.values) {
             *state = thresholds.state_of_log_odds(read(value));
         }
-        states
     }
 
     /// Adds the evidence of a scan taken at `map_from_base`, growing the grid where the scan leaves it.

@@ -167,18 +167,16 @@ impl Footprint {
     /// it says true; says whether it did. Runs may overlap, and lie outside the grid.
     ///
     /// Every cell with a point of the grown footprint is visited; the margin reaches as far along the diagonals as a
-    /// square of that half width. `vertices` is scratch.
+    /// square of that half width.
     pub(super) fn any_run(
         &self,
         layout: &GridLayout,
         map_from_base: &Se2,
         margin: f64,
-        vertices: &mut Vec<Vector2<f64>>,
         mut hit: impl FnMut(i32, i32, i32) -> bool,
     ) -> bool {
         // A hair against rounding: a point on a line between cells touches both.
         let margin = margin + 1e-9;
-        vertices.clear();
         match &self.shape {
             Shape::Circle(radius) => {
                 let (center, r) = (layout.to_grid(&map_from_base.translation()), radius / layout.resolution());
@@ -192,32 +190,58 @@ impl Footprint {
                 })
             }
             Shape::Polygon(own) => {
-                vertices.extend(own.iter().map(|v| layout.to_grid(&(*map_from_base * *v))));
-                let (low, high) =
-                    vertices.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v.y), h.max(v.y)));
-                let rows = (low - margin).floor() as i32..=(high + margin).floor() as i32;
-                if self.convex {
-                    rows.into_iter().any(|row| {
-                        let strip = (f64::from(row) - margin, f64::from(row) + 1.0 + margin);
-                        let spans = edges(vertices).filter_map(|(a, b)| clip(a, b, strip));
-                        let (first, last) =
-                            spans.fold((f64::INFINITY, f64::NEG_INFINITY), |(f, l), (a, b)| (f.min(a), l.max(b)));
-                        first <= last && hit(row, (first - margin).floor() as i32, (last + margin).floor() as i32)
-                    })
+                let to_cells = |v: &Vector2<f64>| layout.to_grid(&(*map_from_base * *v));
+                // On the stack, and little of it for the outlines that vehicles have.
+                if own.len() <= FEW_VERTICES {
+                    let mut room = [Vector2::zeros(); FEW_VERTICES];
+                    any_run_of_polygon(place(own, to_cells, &mut room), self.convex, margin, hit)
                 } else {
-                    rows.into_iter().any(|row| {
-                        let strip = (f64::from(row) - margin, f64::from(row) + 1.0 + margin);
-                        let mut spans = edges(vertices).filter_map(|(a, b)| clip(a, b, strip));
-                        spans.any(|(first, last)| {
-                            hit(row, (first - margin).floor() as i32, (last + margin).floor() as i32)
-                        }) || interior(vertices, f64::from(row) + 0.5, |first, last| {
-                            hit(row, first.floor() as i32, last.floor() as i32)
-                        })
-                    })
+                    let mut room = [Vector2::zeros(); Self::MAX_VERTICES];
+                    any_run_of_polygon(place(own, to_cells, &mut room), self.convex, margin, hit)
                 }
             }
         }
     }
+}
+
+/// Vertices of an outline that is not out of the ordinary.
+const FEW_VERTICES: usize = 16;
+
+/// The vertices, counted in cells, in the `room` that is given; it holds at least as many.
+#[inline]
+fn place<'a>(
+    own: &[Vector2<f64>],
+    to_cells: impl Fn(&Vector2<f64>) -> Vector2<f64>,
+    room: &'a mut [Vector2<f64>],
+) -> &'a [Vector2<f64>] {
+    for (slot, vertex) in room.iter_mut().zip(own) {
+        *slot = to_cells(vertex);
+    }
+    room.get(..own.len()).unwrap_or_default()
+}
+
+/// As [`Footprint::any_run`], of a polygon whose vertices are counted in cells.
+#[inline]
+fn any_run_of_polygon(
+    vertices: &[Vector2<f64>],
+    convex: bool,
+    margin: f64,
+    mut hit: impl FnMut(i32, i32, i32) -> bool,
+) -> bool {
+    let (low, high) = vertices.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v.y), h.max(v.y)));
+    let mut rows = (low - margin).floor() as i32..=(high + margin).floor() as i32;
+    rows.any(|row| {
+        let strip = (f64::from(row) - margin, f64::from(row) + 1.0 + margin);
+        let mut spans = edges(vertices).filter_map(|(a, b)| clip(a, b, strip));
+        if convex {
+            let (first, last) = spans.fold((f64::INFINITY, f64::NEG_INFINITY), |(f, l), (a, b)| (f.min(a), l.max(b)));
+            return first <= last && hit(row, (first - margin).floor() as i32, (last + margin).floor() as i32);
+        }
+        spans.any(|(first, last)| hit(row, (first - margin).floor() as i32, (last + margin).floor() as i32))
+            || interior(vertices, f64::from(row) + 0.5, |first, last| {
+                hit(row, first.floor() as i32, last.floor() as i32)
+            })
+    })
 }
 
 /// Extent along x of the part of an edge in a strip of y; none if it has none.

@@ -15,7 +15,7 @@ use crate::{Error, check, sensors::Beam};
 /// Log-odds of one unit of evidence: 2⁻⁸, about 0.1 percent of probability at p = 0.5.
 ///
 /// An `i32` then holds 8.4 million nats: the default model's free evidence of all 1081 beams of a scan reaches that in
-/// the sensor's own cell after 19,000 scans from one place, and then the grid says so. An `i16` holds 128 nats, which
+/// the sensor's own cell after 38,000 scans from one place, and then the grid says so. An `i16` holds 128 nats, which
 /// is far beyond the greatest clamp (13.8 nats at p = 1e-6).
 pub const QUANTUM: f64 = 1.0 / 256.0;
 
@@ -72,11 +72,16 @@ pub struct InverseModelParams {
 }
 
 impl Default for InverseModelParams {
-    /// `OctoMap`'s 0.7 and 0.4 (Hornung et al., Autonomous Robots 2013), every range, hits protected.
+    /// 0.8 and 0.45, every range, hits protected.
+    ///
+    /// Evidence is not clamped while it adds up, so the two say what share of the beams that reach a cell must end
+    /// there for it to be a wall: with log-odds of 1.386 and -0.201, about one of eight. Noise and flat incidence let
+    /// most beams at a wall's face end a little deeper; with `OctoMap`'s 0.7 and 0.4 (Hornung et al., Autonomous Robots
+    /// 2013), one of three, they carve the face away.
     fn default() -> Self {
         Self {
-            p_hit: 0.7,
-            p_miss: 0.4,
+            p_hit: 0.8,
+            p_miss: 0.45,
             max_range: None,
             half_range: None,
             no_return: NoReturn::default(),
@@ -101,8 +106,8 @@ pub struct BeamEvidence {
 /// use agv_core::sensors::Beam;
 ///
 /// let model = InverseModel::new(InverseModelParams { max_range: Some(10.0), ..Default::default() })?;
-/// // log(0.7 / 0.3) = 0.847 = 217 / 256
-/// assert_eq!(model.read(Beam::Hit(4.0), 30.0), Some(BeamEvidence { free_until: 4.0, hit: 217 }));
+/// // log(0.8 / 0.2) = 1.386 = 355 / 256
+/// assert_eq!(model.read(Beam::Hit(4.0), 30.0), Some(BeamEvidence { free_until: 4.0, hit: 355 }));
 /// assert_eq!(model.read(Beam::Hit(12.0), 30.0), Some(BeamEvidence { free_until: 10.0, hit: 0 }));
 /// assert_eq!(model.read(Beam::NoReturn, 30.0), None);
 /// # Ok::<(), agv_core::Error>(())
@@ -219,7 +224,7 @@ mod tests {
     #[test]
     fn quantized_probabilities_are_near_the_given_ones() {
         let model = InverseModel::new(InverseModelParams::default()).unwrap();
-        assert!((probability(f64::from(model.hit()) * QUANTUM) - 0.7).abs() < 1e-3);
-        assert!((probability(f64::from(model.free()) * QUANTUM) - 0.4).abs() < 1e-3);
+        assert!((probability(f64::from(model.hit()) * QUANTUM) - 0.8).abs() < 1e-3);
+        assert!((probability(f64::from(model.free()) * QUANTUM) - 0.45).abs() < 1e-3);
     }
 }

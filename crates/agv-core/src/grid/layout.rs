@@ -48,6 +48,11 @@ pub struct GridLayout {
     height: usize,
     resolution: f64,
     map_from_grid: Se2,
+    /// Derived, for every beam and footprint asks for its cell.
+    #[cfg_attr(feature = "serde", serde(skip_serializing))]
+    grid_from_map: Se2,
+    #[cfg_attr(feature = "serde", serde(skip_serializing))]
+    cells_per_metre: f64,
 }
 
 #[cfg(feature = "serde")]
@@ -75,10 +80,11 @@ impl GridLayout {
     /// A grid of `width` by `height` cells of `resolution` metres, its lower-left corner at `map_from_grid`.
     ///
     /// # Errors
-    /// Zero or more than [`MAX_CELLS`](Self::MAX_CELLS) cells, a resolution that is not finite and positive, or a pose
-    /// that is not finite.
+    /// Zero or more than [`MAX_CELLS`](Self::MAX_CELLS) cells, a resolution that is not finite and positive or so small
+    /// that its inverse is not finite, or a pose that is not finite.
     pub fn new(width: usize, height: usize, resolution: f64, map_from_grid: Se2) -> Result<Self, Error> {
         check::positive("resolution", resolution)?;
+        check::finite("1 / resolution", 1.0 / resolution)?;
         check::all_finite("map_from_grid", &[map_from_grid.x(), map_from_grid.y(), map_from_grid.yaw()])?;
         if width == 0 || height == 0 {
             return Err(Error::Empty { name: "grid" });
@@ -87,12 +93,13 @@ impl GridLayout {
         if cells > Self::MAX_CELLS {
             return Err(Error::TooMany { name: "grid", len: cells, max: Self::MAX_CELLS });
         }
-        Ok(Self { width, height, resolution, map_from_grid })
+        Ok(Self::new_unchecked(width, height, resolution, map_from_grid))
     }
 
     /// As [`new`](Self::new), for values that are known to be in order.
-    pub(crate) const fn new_unchecked(width: usize, height: usize, resolution: f64, map_from_grid: Se2) -> Self {
-        Self { width, height, resolution, map_from_grid }
+    pub(crate) fn new_unchecked(width: usize, height: usize, resolution: f64, map_from_grid: Se2) -> Self {
+        let (grid_from_map, cells_per_metre) = (map_from_grid.inverse(), 1.0 / resolution);
+        Self { width, height, resolution, map_from_grid, grid_from_map, cells_per_metre }
     }
 
     /// Cells along x.
@@ -143,7 +150,7 @@ impl GridLayout {
     /// The map point in the grid frame, counted in cells: cell (0, 0) spans 0 to 1.
     #[inline]
     pub fn to_grid(&self, point: &Vector2<f64>) -> Vector2<f64> {
-        self.map_from_grid.inverse().act(point) / self.resolution
+        self.grid_from_map.act(point) * self.cells_per_metre
     }
 
     /// The map point of a position counted in cells; undoes [`to_grid`](Self::to_grid).
@@ -232,6 +239,7 @@ mod tests {
         for resolution in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             assert!(matches!(GridLayout::new(4, 4, resolution, origin), Err(Error::NotPositive { .. })));
         }
+        assert!(GridLayout::new(4, 4, 1e-310, origin).is_err());
         assert!(GridLayout::new(4, 4, 1.0, Se2::new(f64::NAN, 0.0, 0.0)).is_err());
     }
 }

@@ -45,10 +45,17 @@ pub struct LikelihoodFieldParams {
     pub max_distance: f64,
     /// What a beam that ends in unobserved space says.
     pub unknown: UnknownSpace,
+    /// Whether occupied cells count as obstacles only where one of their four neighbours is free.
+    ///
+    /// No beam ends inside a wall. If its inside counts all the same, a pose that puts the end points there is as likely
+    /// as one that puts them on the face: walls of several cells spread the belief (Beluga, issue 265) and pull a
+    /// scanner that looks ahead forward. A map none of whose occupied cells has a free neighbour (one that does not
+    /// tell free from unknown) is taken as it is.
+    pub only_surfaces: bool,
 }
 
 impl Default for LikelihoodFieldParams {
-    /// The defaults of `nav2_amcl` and Beluga: 0.2 m, one half each over 100 m, 2 m.
+    /// The defaults of `nav2_amcl` and Beluga: 0.2 m, one half each over 100 m, 2 m; of walls only the surfaces.
     fn default() -> Self {
         Self {
             sigma_hit: 0.2,
@@ -57,6 +64,7 @@ impl Default for LikelihoodFieldParams {
             range_max: 100.0,
             max_distance: 2.0,
             unknown: UnknownSpace::Free,
+            only_surfaces: true,
         }
     }
 }
@@ -92,6 +100,25 @@ impl LikelihoodFieldParams {
     fn floor(&self) -> f64 {
         self.z_rand / self.range_max
     }
+}
+
+/// The map without occupied cells that no free one touches; none if that would leave no occupied cell.
+fn surfaces(map: &Grid<CellState>) -> Option<Grid<CellState>> {
+    let mut surfaces = map.clone();
+    let mut some_left = false;
+    for (index, state) in surfaces.values_mut().iter_mut().enumerate() {
+        if *state != CellState::Occupied {
+            continue;
+        }
+        let Cell { x, y } = map.layout().cell(index);
+        let neighbours = [(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)];
+        if neighbours.iter().any(|&(x, y)| map.get(Cell::new(x, y)) == Some(&CellState::Free)) {
+            some_left = true;
+        } else {
+            *state = CellState::Free;
+        }
+    }
+    some_left.then_some(surfaces)
 }
 
 /// Density of a beam's end point, per cell.
@@ -138,7 +165,9 @@ impl LikelihoodField {
             max_distance: Some(params.max_distance),
         };
         let mut squared = Grid::filled(layout, 0_i32);
-        DistanceTransform::new(distance)?.with_parallelism(par).squared_into(map, &mut squared)?;
+        let surfaces = if params.only_surfaces { surfaces(map) } else { None };
+        let obstacles = surfaces.as_ref().unwrap_or(map);
+        DistanceTransform::new(distance)?.with_parallelism(par).squared_into(obstacles, &mut squared)?;
 
         // Squared distances are whole numbers of cells, few of them within reach: a table spares the exponentials.
         let density = |squared: usize| params.density((squared as f64).sqrt() * layout.resolution()) as f32;
@@ -210,10 +239,10 @@ mod tests {
         Grid::new(layout, (0..layout.len()).map(|i| states(layout.cell(i))).collect()).unwrap()
     }
 
-    fn brute_force(map: &Grid<CellState>, cell: Cell, is_obstacle: impl Fn(CellState) -> bool) -> f64 {
+    fn brute_force(map: &Grid<CellState>, cell: Cell, is_obstacle: impl Fn(usize) -> bool) -> f64 {
         let layout = map.layout();
         (0..layout.len())
-            .filter(|&i| is_obstacle(map.values()[i]))
+            .filter(|&i| is_obstacle(i))
             .map(|i| (layout.center(layout.cell(i)) - layout.center(cell)).norm())
             .fold(f64::INFINITY, f64::min)
     }
@@ -228,12 +257,12 @@ mod tests {
             let state = |c: Cell| match cells[(c.y * 12 + c.x) as usize] { 0 => CellState::Occupied, 1 => CellState::Unknown, _ => CellState::Free };
             let map = map(12, 9, state);
             for unknown in [UnknownSpace::Free, UnknownSpace::Uniform, UnknownSpace::Obstacle] {
-                let params = LikelihoodFieldParams { sigma_hit, max_distance, unknown, ..Default::default() };
+                let params = LikelihoodFieldParams { sigma_hit, max_distance, unknown, only_surfaces: false, ..Default::default() };
                 let field = LikelihoodField::new(&map, params).unwrap();
                 for i in 0..map.layout().len() {
                     let cell = map.layout().cell(i);
-                    let distance = brute_force(&map, cell, |s| s == CellState::Occupied
-                        || (unknown == UnknownSpace::Obstacle && s == CellState::Unknown));
+                    let distance = brute_force(&map, cell, |i| map.values()[i] == CellState::Occupied
+                        || (unknown == UnknownSpace::Obstacle && map.values()[i] == CellState::Unknown));
                     let expected = if unknown == UnknownSpace::Uniform && state(cell) == CellState::Unknown {
                         0.01
                     } else {
@@ -255,6 +284,34 @@ mod tests {
             LikelihoodField::new(&map, LikelihoodFieldParams { max_distance: 200.0, ..params }).unwrap(),
         );
         assert_eq!(tabulated.values(), computed.values());
+    }
+
+    #[test]
+    fn the_inside_of_a_wall_is_no_surface() {
+        // From the left: unobserved, a wall of five cells, free space.
+        let wall = |front: CellState| {
+            map(14, 9, move |c| match c.x {
+                0..3 => CellState::Unknown,
+                3..8 => CellState::Occupied,
+                _ => front,
+            })
+        };
+        let field = |map: &Grid<CellState>, only_surfaces| {
+            let params = LikelihoodFieldParams { only_surfaces, ..Default::default() };
+            LikelihoodField::new(map, params).unwrap()
+        };
+        let observed = wall(CellState::Free);
+        let (surface, solid) = (field(&observed, true), field(&observed, false));
+        for y in 0..9 {
+            for x in 0..14 {
+                let distance = 0.1 * (7.0 - f64::from(x)).abs();
+                let expected = surface.params().density(distance) as f32;
+                assert!((surface.likelihood(Cell::new(x, y)) - expected).abs() < 1e-6 * expected, "({x}, {y})");
+            }
+        }
+        assert_eq!(solid.likelihood(Cell::new(4, 4)), solid.likelihood(Cell::new(7, 4)));
+        let unobserved = wall(CellState::Unknown);
+        assert_eq!(field(&unobserved, true).values(), field(&unobserved, false).values());
     }
 
     #[test]

@@ -9,6 +9,7 @@ mod evidence;
 mod footprint;
 mod gaussian;
 mod inflation;
+mod interpolate;
 mod inverse_model;
 mod layout;
 mod likelihood;

@@ -29,7 +29,7 @@ impl PointCloud {
     /// use agv_core::sensors::PointCloud;
     ///
     /// let mount = Se3::from(Se2::new(0.5, 0.0, 0.0));
-    /// let mut cloud = PointCloud::new(vec![1.0], vec![0.0], vec![0.0])?.with_mount(mount);
+    /// let mut cloud = PointCloud::new(vec![1.0], vec![0.0], vec![0.0])?.with_mount(mount)?;
     /// cloud.transform(&mount); // from the sensor to the base frame
     /// assert_eq!((cloud.x()[0], cloud.base_from_sensor()), (1.5, Se3::identity()));
     /// # Ok::<(), agv_core::Error>(())
@@ -78,7 +78,7 @@ mod tests {
             let pose = Se3::from_parts(Vector3::new(v[0], v[1], v[2]), So3::from_roll_pitch_yaw(v[3], v[4] / 3.0, v[5]));
             let mount = Se3::from_parts(Vector3::new(0.1, 0.2, 0.3), So3::from_roll_pitch_yaw(0.1, 0.2, 0.3));
             let point = Vector3::from(p);
-            let cloud = PointCloud::from_points([point]).with_mount(mount).with_ring(vec![3]).unwrap();
+            let cloud = PointCloud::from_points([point]).with_mount(mount).unwrap().with_ring(vec![3]).unwrap();
             let mut out = PointCloud::default();
             cloud.transform_into(&pose, &mut out);
             let moved = out.points().next().unwrap().cast::<f64>();

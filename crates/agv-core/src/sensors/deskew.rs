@@ -204,7 +204,7 @@ mod tests {
             let base = twist.integrate(f64::from(t) + (stamp - reference));
             base.compose(&mount).inverse().act(&mount.act(p)).cast::<f32>()
         });
-        let cloud = PointCloud::from_points(seen).with_stamp(stamp).with_mount(mount).with_time(time).unwrap();
+        let cloud = PointCloud::from_points(seen).with_stamp(stamp).with_time(time).unwrap().with_mount(mount).unwrap();
         let cloud = cloud.with_ring((0..300).collect()).unwrap();
         let mut out = PointCloud::default();
         Deskew::cloud_into(&cloud, &ConstantTwist::spatial(reference, &twist).unwrap(), &mut out);

@@ -17,7 +17,7 @@ pub struct ScanGeometry {
     pub angle_increment: f64,
     /// Least range that the scanner can measure, in metres.
     pub range_min: f64,
-    /// Greatest range that the scanner can measure, in metres.
+    /// Range from which on a reading is no surface, in metres.
     pub range_max: f64,
     /// Time from one beam to the next, in seconds; zero if the scan is instantaneous or already deskewed.
     pub time_increment: f64,
@@ -66,7 +66,7 @@ impl ScanGeometry {
 pub enum Beam {
     /// A surface at this range, in metres.
     Hit(f64),
-    /// Nothing up to the scanner's `range_max`: free space, if the surfaces there reflect at all.
+    /// Nothing before the scanner's `range_max`: free space, if the surfaces there reflect at all.
     NoReturn,
     /// No statement: NaN, negative, or below `range_min`.
     Invalid,
@@ -74,8 +74,10 @@ pub enum Beam {
 
 /// A planar laser scan.
 ///
-/// Readings are stored as the driver gave them and read through [`Beam`]: a range in `[range_min, range_max]` is a
-/// hit, one beyond `range_max` (or +∞) is *no return*, and NaN, −∞ or one below `range_min` says nothing.
+/// Readings are stored as the driver gave them and read through [`Beam`]: a range in `[range_min, range_max)` is a
+/// hit, one of `range_max` or more (or +∞) is *no return*, and NaN, −∞ or one below `range_min` says nothing. Drivers
+/// report the greatest range where nothing answers, so that it is no hit, as in AMCL; both limits are rounded to `f32`
+/// like the readings, so that a reading of 8.1 m is at a limit of 8.1 m.
 ///
 /// ```
 /// use agv_core::sensors::{Beam, LaserScan, ScanGeometry};
@@ -173,11 +175,10 @@ impl LaserScan {
     /// What a raw reading in metres means to this scanner.
     #[inline]
     pub fn interpret(&self, range: f32) -> Beam {
-        let range = f64::from(range);
-        if range > self.geometry.range_max {
+        if range >= self.geometry.range_max as f32 {
             Beam::NoReturn
-        } else if range >= self.geometry.range_min {
-            Beam::Hit(range)
+        } else if range >= self.geometry.range_min as f32 {
+            Beam::Hit(f64::from(range))
         } else {
             Beam::Invalid
         }
@@ -219,6 +220,21 @@ mod tests {
         ] {
             let error = LaserScan::new(Stamp::default(), bad, vec![1.0]).unwrap_err();
             assert!(error.to_string().starts_with(name), "{error}");
+        }
+    }
+
+    /// Whichever way the limits round to `f32`.
+    #[test]
+    fn a_reading_of_the_greatest_range_is_no_return_and_one_of_the_least_a_hit() {
+        for (max, range_max) in [(4.1_f32, 4.1), (5.6, 5.6), (8.1, 8.1), (30.0, 30.0), (81.83, 81.83)] {
+            let geometry = ScanGeometry { range_max, range_min: 0.1 * range_max, ..Default::default() };
+            let scan = LaserScan::new(Stamp::default(), geometry, vec![]).unwrap();
+            let below = max.next_down();
+            assert_eq!(scan.interpret(max), Beam::NoReturn, "{max}");
+            assert_eq!(scan.interpret(below), Beam::Hit(f64::from(below)));
+            let least = geometry.range_min as f32;
+            assert_eq!(scan.interpret(least), Beam::Hit(f64::from(least)), "{least}");
+            assert_eq!(scan.interpret(least.next_down()), Beam::Invalid);
         }
     }
 

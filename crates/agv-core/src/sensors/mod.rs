@@ -6,6 +6,7 @@
 //! a sweep, of scans and clouds alike.
 
 mod cloud_filter;
+mod cloud_parts;
 mod cloud_transform;
 mod deskew;
 mod laser_scan;

@@ -93,7 +93,7 @@ impl TryFrom<RawCloud> for PointCloud {
     type Error = Error;
 
     fn try_from(raw: RawCloud) -> Result<Self, Error> {
-        let mut cloud = Self::new(raw.x, raw.y, raw.z)?.with_stamp(raw.stamp).with_mount(raw.base_from_sensor);
+        let mut cloud = Self::new(raw.x, raw.y, raw.z)?.with_stamp(raw.stamp).with_mount(raw.base_from_sensor)?;
         if let Some(intensity) = raw.intensity {
             cloud = cloud.with_intensity(intensity)?;
         }
@@ -137,10 +137,14 @@ impl PointCloud {
     }
 
     /// The same cloud, from a sensor mounted at `base_from_sensor`.
-    #[must_use]
-    pub fn with_mount(mut self, base_from_sensor: Se3) -> Self {
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`].
+    pub fn with_mount(mut self, base_from_sensor: Se3) -> Result<Self, Error> {
+        check::all_finite("base_from_sensor", base_from_sensor.translation().iter())?;
+        check::all_finite("base_from_sensor", base_from_sensor.rotation().matrix().iter())?;
         self.base_from_sensor = base_from_sensor;
-        self
+        Ok(self)
     }
 
     /// The same cloud with the reflectivity of each point, in the sensor's unit.
@@ -268,7 +272,7 @@ mod tests {
     #[test]
     fn a_refilled_cloud_keeps_its_memory_and_its_mount() {
         let mount = Se3::from_parts(Vector3::new(0.0, 0.0, 2.0), crate::geometry::So3::default());
-        let mut cloud = PointCloud::default().with_mount(mount);
+        let mut cloud = PointCloud::default().with_mount(mount).unwrap();
         let echo = LidarReturn { ring: 3, time: 0.1, ..Default::default() };
         cloud.refill(Stamp::from_seconds(1.0), vec![echo; 50]);
         let memory = cloud.x().as_ptr();
@@ -285,5 +289,9 @@ mod tests {
         assert!(cloud().with_intensity(vec![0.0]).is_err());
         assert!(cloud().with_ring(vec![0; 3]).is_err());
         assert!(cloud().with_time(vec![]).is_err());
+        let nowhere = Se3::from_parts(Vector3::new(0.0, f64::NAN, 0.0), crate::geometry::So3::default());
+        assert!(matches!(cloud().with_mount(nowhere), Err(Error::NotFinite { name: "base_from_sensor", .. })));
+        let spun = crate::geometry::So3::from_roll_pitch_yaw(f64::NAN, 0.0, 0.0);
+        assert!(cloud().with_mount(Se3::from_parts(Vector3::zeros(), spun)).is_err());
     }
 }

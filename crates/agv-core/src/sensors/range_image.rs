@@ -7,7 +7,7 @@ use super::PointCloud;
 use crate::{Error, check};
 use std::f32::consts::{PI, TAU};
 
-/// How the row of a point is found.
+/// How the row of a point is found; with elevations, points more than half a line outside of the lines are left out.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub enum RowSource {
@@ -20,7 +20,8 @@ pub enum RowSource {
         /// Elevation of the highest line, in radians.
         top: f32,
     },
-    /// From the elevation, to the nearest of these, in radians, from the lowest up.
+    /// From the elevation, to the nearest of these, in radians, each greater than the one before. At the edge, the
+    /// distance to the neighbour counts as a line; a line without neighbours takes every elevation.
     Angles(Vec<f32>),
 }
 
@@ -94,7 +95,7 @@ impl RangeImage {
                 for &angle in angles {
                     check::finite("angle", f64::from(angle))?;
                     check::in_range("angle", f64::from(angle), least, 2.0)?;
-                    least = f64::from(angle);
+                    least = f64::from(angle.next_up());
                 }
             }
         }
@@ -178,7 +179,7 @@ impl RangeImage {
         (row < self.params.rows && column < self.params.columns).then(|| row * self.params.columns + column)
     }
 
-    /// The line nearest to an elevation in radians; `None` more than one line outside of the field of view.
+    /// The line nearest to an elevation in radians; `None` more than half a line outside of the field of view.
     fn row_at(&self, elevation: f32) -> Option<usize> {
         match &self.params.row_source {
             RowSource::Ring => None,
@@ -188,9 +189,17 @@ impl RangeImage {
                 (row >= 0.0).then_some(row as usize)
             }
             RowSource::Angles(angles) => {
-                let after = angles.partition_point(|angle| *angle < elevation).min(angles.len() - 1);
-                let before = after.saturating_sub(1);
-                Some(if elevation - angles[before] < angles[after] - elevation { before } else { after })
+                let last = angles.len() - 1;
+                if last == 0 {
+                    return elevation.is_finite().then_some(0);
+                }
+                // Outside, these are the two lines at the edge.
+                let after = angles.partition_point(|angle| *angle < elevation).clamp(1, last);
+                let (below, above) = (angles[after - 1], angles[after]);
+                let (up, down) = (elevation - below, above - elevation);
+                let between = up >= 0.0 && down >= 0.0;
+                let near = between || up.abs().min(down.abs()) <= 0.5 * (above - below);
+                near.then_some(if up < down { after - 1 } else { after })
             }
         }
     }
@@ -250,6 +259,21 @@ mod tests {
         assert_eq!((image.column_at(PI), image.column_at(-PI)), (0, 0));
     }
 
+    /// Half a line outside belongs to the line, more does not, whichever way elevations are told.
+    #[test]
+    fn what_is_far_from_every_line_is_left_out() {
+        for source in [RowSource::Uniform { bottom: -0.1, top: 0.1 }, RowSource::Angles(vec![-0.1, 0.0, 0.1])] {
+            let params = RangeImageParams { rows: 3, columns: 10, row_source: source };
+            let image = RangeImage::new(params.clone()).unwrap();
+            let rows = [-1.5, -0.16, -0.14, -0.06, -0.04, 0.04, 0.06, 0.14].map(|elevation| image.row_at(elevation));
+            assert_eq!(rows, [None, None, Some(0), Some(0), Some(1), Some(1), Some(2), Some(2)], "{params:?}");
+            assert!(image.row_at(0.16).is_none_or(|row| row >= 3) && image.row_at(1.5).is_none_or(|row| row >= 3));
+            assert_eq!(image.row_at(f32::NAN), None);
+        }
+        let one = RangeImageParams { rows: 1, columns: 10, row_source: RowSource::Angles(vec![0.0]) };
+        assert_eq!(RangeImage::new(one).unwrap().row_at(-1.2), Some(0));
+    }
+
     #[test]
     fn bad_input_is_refused() {
         let good = RangeImageParams::default();
@@ -263,6 +287,7 @@ mod tests {
             RangeImageParams { row_source: uniform(0.0, f32::INFINITY), ..good.clone() },
             RangeImageParams { row_source: RowSource::Angles(vec![0.0]), ..good.clone() },
             RangeImageParams { rows: 2, row_source: RowSource::Angles(vec![0.1, 0.0]), ..good.clone() },
+            RangeImageParams { rows: 2, row_source: RowSource::Angles(vec![0.1, 0.1]), ..good.clone() },
         ] {
             assert!(RangeImage::new(bad.clone()).is_err(), "{bad:?}");
         }

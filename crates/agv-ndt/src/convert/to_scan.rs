@@ -235,7 +235,12 @@ mod tests {
                 }
             }
         }
-        PointCloud::from_points(points).with_ring(rings).unwrap().with_mount(mount).with_stamp(Stamp::from_seconds(4.0))
+        PointCloud::from_points(points)
+            .with_ring(rings)
+            .unwrap()
+            .with_mount(mount)
+            .unwrap()
+            .with_stamp(Stamp::from_seconds(4.0))
     }
 
     fn floor() -> Block {
