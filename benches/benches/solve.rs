@@ -1,5 +1,7 @@
 //! Small solvers, beside nalgebra's dense Cholesky.
 
+#![expect(clippy::disallowed_types, reason = "the dense reference")]
+
 use agv_core::geometry::{LieGroup, Se2};
 use agv_core::nalgebra::{DMatrix, DVector, Vector2, Vector3};
 use agv_core::solve::{
@@ -79,7 +81,7 @@ fn levenberg_marquardt(c: &mut Criterion) {
     let mut group = c.benchmark_group("solve/Levenberg–Marquardt");
     group.throughput(Throughput::Elements(100));
     group.bench_function("SE(2) from 100 points", |b| {
-        b.iter(|| solver.minimize(black_box(&mut problem), Se2::default()))
+        b.iter(|| solver.minimize(black_box(&mut problem), Se2::default()));
     });
     group.finish();
 }
