@@ -1,5 +1,7 @@
 //! Small solvers, beside nalgebra's dense Cholesky.
 
+#![expect(clippy::disallowed_types, reason = "the dense reference")]
+
 use agv_core::geometry::{LieGroup, Se2};
 use agv_core::nalgebra::{DMatrix, DVector, Vector2, Vector3};
 use agv_core::solve::{

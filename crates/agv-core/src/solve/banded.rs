@@ -233,6 +233,7 @@ fn eliminate_unrolled<const W: usize>(columns: &mut [f64], dimension: usize) -> 
 }
 
 #[cfg(test)]
+#[expect(clippy::disallowed_types, reason = "the dense reference")]
 mod tests {
     use super::*;
     use nalgebra::{DMatrix, DVector};
