@@ -242,13 +242,7 @@ struct Drive {
 }
 
 /// Stages 3 and 4: plans from `start` across the building and lets a simulated vehicle drive there.
-fn drive(
-    args: &Args,
-    map: &Grid<CellState>,
-    start: Se2,
-    recorded: &Recording,
-    report: &mut Report,
-) -> Result<Drive> {
+fn drive(args: &Args, map: &Grid<CellState>, start: Se2, recorded: &Recording, report: &mut Report) -> Result<Drive> {
     let seed = args.common.seed().derive(1);
     let footprint = Footprint::circle(VEHICLE_RADIUS)?;
     let costmap = Inflation::new(InflationParams::for_footprint(&footprint))?.inflate(map)?;

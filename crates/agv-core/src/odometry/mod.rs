@@ -17,6 +17,6 @@ pub use calibration::{SquareRuns, UmbMark};
 pub use compose::OdometryAccumulator;
 pub use encoder::{EncoderParams, TickCounter};
 pub use imu::{GyroBiasEstimator, YawIncrement, YawIntegrator, gyrodometry};
-pub use increment::OdometryIncrement;
+pub use increment::{MotionIncrement, OdometryIncrement};
 pub use rot_trans_rot::RotTransRot;
 pub use wheels::{RollingModel, WheelNoise, WheelOdometry};

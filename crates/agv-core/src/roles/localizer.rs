@@ -1,6 +1,6 @@
 //! Where am I.
 
-use crate::{Error, geometry::LieGroup, odometry::OdometryIncrement};
+use crate::{Error, geometry::LieGroup, odometry::MotionIncrement};
 
 /// What is known of the pose before the first observation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -156,11 +156,12 @@ pub trait Localizer {
     /// A mean or covariance that is not finite, a covariance that is not positive semi-definite, or a belief off the map.
     fn initialize(&mut self, belief: &PoseBelief<Self::Pose>) -> Result<(), LocalizationError>;
 
-    /// Moves the belief by what the odometry reports.
+    /// Moves the belief by what the odometry reports; a localizer in space takes planar odometry
+    /// lifted by `MotionIncrement::<Se3>::from`.
     ///
     /// # Errors
     /// [`LocalizationError::NotInitialized`], or a motion that is not finite.
-    fn predict(&mut self, odometry: &OdometryIncrement) -> Result<(), LocalizationError>;
+    fn predict(&mut self, odometry: &MotionIncrement<Self::Pose>) -> Result<(), LocalizationError>;
 
     /// Best pose and its covariance.
     fn estimate(&self) -> PoseEstimate<Self::Pose>;

@@ -2,8 +2,8 @@
 
 use super::{LawViolation, NOT_FINITE, ensure};
 use crate::{
-    geometry::{LieGroup, Se2},
-    odometry::OdometryIncrement,
+    geometry::LieGroup,
+    odometry::MotionIncrement,
     roles::{Correct, LocalizationError, Localizer, PoseBelief, PoseEstimate, UpdateOutcome},
 };
 
@@ -18,11 +18,11 @@ const BOUND: f64 = 10.0;
 ///
 /// # Errors
 /// The first law that was broken.
-pub fn localizer<G: LieGroup + From<Se2>>(
+pub fn localizer<G: LieGroup>(
     player: &mut dyn Localizer<Pose = G>,
     start: &G,
     covariance: &G::Matrix,
-    motion: &OdometryIncrement,
+    motion: &MotionIncrement<G>,
 ) -> Result<(), LawViolation> {
     let unknown = player.estimate();
     ensure(ROLE, "before the first belief variances are infinite", variances(&unknown).all(f64::is_infinite))?;
@@ -45,15 +45,15 @@ pub fn localizer<G: LieGroup + From<Se2>>(
 
     let before = player.estimate();
     for value in NOT_FINITE {
-        let nowhere = OdometryIncrement { start_from_end: Se2::new(value, 0.0, 0.0), ..*motion };
-        let vague = OdometryIncrement { covariance: motion.covariance.add_scalar(value), ..*motion };
+        let nowhere = MotionIncrement { start_from_end: G::exp(&G::tangent_from_slice(&[value])), ..*motion };
+        let vague = MotionIncrement { covariance: G::identity_matrix() * value, ..*motion };
         let refused = player.predict(&nowhere).is_err() && player.predict(&vague).is_err();
         ensure(ROLE, "a motion that is not finite is refused", refused)?;
     }
     ensure(ROLE, "a refused motion changes nothing", same(&player.estimate(), &before))?;
 
     ensure(ROLE, "a good motion is taken", player.predict(motion).is_ok())?;
-    let moved = before.map_from_base.compose(&G::from(motion.start_from_end));
+    let moved = before.map_from_base.compose(&motion.start_from_end);
     let after = player.estimate();
     // The belief's own spread bounds how far its mean may be from the mean moved.
     ensure(ROLE, "the estimate follows the motion", near(&after, &moved, &(after.covariance + *covariance)))
