@@ -40,7 +40,7 @@ pub struct NavigationStep {
 /// # impl Localizer for DeadReckoning {
 /// #     type Pose = Se2;
 /// #     fn initialize(&mut self, belief: &PoseBelief<Se2>) -> Result<(), LocalizationError> {
-/// #         if let PoseBelief::Around { map_from_base, covariance } = *belief { self.0 = PoseEstimate { map_from_base, covariance }; }
+/// #         if let PoseBelief::Around { map_from_base, covariance } = *belief { self.0 = PoseEstimate::new(map_from_base, covariance); }
 /// #         Ok(())
 /// #     }
 /// #     fn predict(&mut self, odometry: &OdometryIncrement) -> Result<(), LocalizationError> {
@@ -59,7 +59,7 @@ pub struct NavigationStep {
 /// #         Ok(PlanOutcome::Found { cost: path.length(), expansions: 1 })
 /// #     }
 /// # }
-/// # let localizer = DeadReckoning(PoseEstimate { map_from_base: Se2::identity(), covariance: agv_nav::nalgebra::Matrix3::zeros() });
+/// # let localizer = DeadReckoning(PoseEstimate::new(Se2::identity(), agv_nav::nalgebra::Matrix3::zeros()));
 /// # let planner = StraightLine;
 /// let map = Grid::filled(GridLayout::new(100, 100, 0.1, Se2::identity())?, CellState::Free);
 /// let tracker = PurePursuit::new(PurePursuitParams::default())?;

@@ -27,6 +27,7 @@ fn a_resumed_filter_continues_with_the_same_bits() {
     let mut resumed = scan_filter(10, Par::threads(2));
     resumed.restore(&restored(&uninterrupted.checkpoint())).unwrap();
     assert!(filter_bits(&resumed) == filter_bits(&uninterrupted));
+    assert!(resumed.estimate().stamp == Some(small.end));
     localize(&mut uninterrupted, &drive[5..]);
     localize(&mut resumed, &drive[5..]);
     assert!(filter_bits(&resumed) == filter_bits(&uninterrupted));

@@ -224,6 +224,27 @@ fn scans_that_say_nothing_are_skipped_and_change_no_weight() {
 }
 
 #[test]
+fn the_estimate_says_what_time_it_refers_to() {
+    let mut mcl = filter(300, 0);
+    let start = Se2::new(4.0, 2.0, 0.0);
+    let belief = PoseBelief::around(start, diagonal(0.1, 0.1, 0.1));
+    let at = Stamp::from_seconds;
+    mcl.initialize(&belief).unwrap();
+    assert_eq!(mcl.estimate().stamp, None);
+    let mut scan = scan_from(&start, &mut Seed(1).stream(0, 0));
+    let ranges: Vec<f32> = scan.ranges().to_vec();
+    scan.refill(at(2.0), ranges.into_iter()).unwrap();
+    mcl.update(&scan).unwrap();
+    assert_eq!(mcl.estimate().stamp, Some(at(2.0)));
+    let motion = OdometryIncrement { start: at(2.0), end: at(3.0), ..increment(Se2::new(0.3, 0.0, 0.0)) };
+    mcl.predict(&motion).unwrap();
+    mcl.update(&scan).unwrap();
+    assert_eq!(mcl.estimate().stamp, Some(at(3.0)), "the scan counts as taken at the end of the motion");
+    mcl.initialize(&belief).unwrap();
+    assert_eq!(mcl.estimate().stamp, None);
+}
+
+#[test]
 fn driving_blind_and_off_the_map_stays_finite() {
     let mut mcl = filter(300, 0);
     mcl.initialize(&PoseBelief::around(Se2::new(4.0, 2.0, 0.0), diagonal(0.1, 0.1, 0.1))).unwrap();

@@ -56,6 +56,7 @@ pub fn localizer<G: LieGroup>(
     let moved = before.map_from_base.compose(&motion.start_from_end);
     let after = player.estimate();
     // The belief's own spread bounds how far its mean may be from the mean moved.
+    ensure(ROLE, "the estimate refers to the end of the motion", after.stamp == Some(motion.end))?;
     ensure(ROLE, "the estimate follows the motion", near(&after, &moved, &(after.covariance + *covariance)))
 }
 
@@ -79,7 +80,7 @@ fn variances<G: LieGroup>(estimate: &PoseEstimate<G>) -> impl Iterator<Item = f6
 
 fn near<G: LieGroup>(estimate: &PoseEstimate<G>, pose: &G, covariance: &G::Matrix) -> bool {
     let difference = estimate.map_from_base.minus(pose);
-    let bounds = variances(&PoseEstimate { map_from_base: *pose, covariance: *covariance });
+    let bounds = variances(&PoseEstimate::new(*pose, *covariance));
     G::tangent_slice(&difference).iter().zip(bounds).all(|(d, variance)| d.abs() <= BOUND * variance.sqrt() + 1e-9)
 }
 
