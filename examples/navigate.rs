@@ -215,7 +215,7 @@ fn localize(args: &Args, map: &Grid<CellState>, recorded: &Recording, report: &m
         localizer.predict(&OdometryIncrement::between(from, &last.odom_from_base, to, &entry.odom_from_base)?)?;
         last = entry;
         let mut attempt = Timings::default();
-        if attempt.time(|| localizer.update(&entry.scan))? == UpdateOutcome::Applied {
+        if matches!(attempt.time(|| localizer.update(&entry.scan))?, UpdateOutcome::Applied(_)) {
             timings.append(attempt);
             let time = to - recorded.log.entries[0].scan.stamp();
             track.push(time, localizer.estimate().map_from_base, reference.pose);

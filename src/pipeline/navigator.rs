@@ -50,7 +50,7 @@ pub struct NavigationStep {
 /// #     fn estimate(&self) -> PoseEstimate<Se2> { self.0 }
 /// # }
 /// # impl Correct<LaserScan> for DeadReckoning {
-/// #     fn update(&mut self, _: &LaserScan) -> Result<UpdateOutcome, LocalizationError> { Ok(UpdateOutcome::Applied) }
+/// #     fn update(&mut self, _: &LaserScan) -> Result<UpdateOutcome, LocalizationError> { Ok(UpdateOutcome::Applied(Default::default())) }
 /// # }
 /// # struct StraightLine;
 /// # impl GlobalPlanner for StraightLine {

@@ -43,7 +43,7 @@ fn track(log: &IntelLog, form: ScanForm, particles: usize, seed: u64) -> Figures
             let motion = OdometryIncrement::between(start, &log.odometry[i - 1], end, &log.odometry[i]).unwrap();
             mcl.predict(&motion).unwrap();
         }
-        if mcl.update(scan).unwrap() == UpdateOutcome::Applied {
+        if matches!(mcl.update(scan).unwrap(), UpdateOutcome::Applied(_)) {
             let estimate = mcl.estimate().map_from_base;
             let error = (estimate.translation() - reference.translation()).norm();
             updates += 1;

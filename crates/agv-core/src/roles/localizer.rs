@@ -64,9 +64,19 @@ impl<G: LieGroup> PoseEstimate<G> {
 #[non_exhaustive]
 pub enum UpdateOutcome {
     /// The belief has taken it in.
-    Applied,
+    Applied(UpdateReport),
     /// The belief is as it was.
     Skipped(SkipReason),
+}
+
+/// How well an observation fitted the belief, as far as the player knows; `UpdateReport::default()` says nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[non_exhaustive]
+pub struct UpdateReport {
+    /// Share of the usable readings that the belief explains, from 0 to 1.
+    pub explained: Option<f64>,
+    /// Normalised innovation squared.
+    pub nis: Option<f64>,
 }
 
 /// Why an observation was not applied.

@@ -9,7 +9,7 @@ use agv_core::{
     compute::{Par, Seed},
     geometry::{LieGroup, Se2},
     odometry::OdometryIncrement,
-    roles::{PoseEstimate, SkipReason, UpdateOutcome},
+    roles::{PoseEstimate, SkipReason, UpdateOutcome, UpdateReport},
     sensors::Observation,
     time::Stamp,
 };
@@ -100,7 +100,7 @@ pub struct MclDiagnostics {
 /// let geometry = ScanGeometry { angle_min: 0.01, angle_increment: 0.03, ..Default::default() };
 /// let range = |i: i32| { let a = 0.01 + 0.03 * f64::from(i); (1.975 / a.cos()).min(0.975 / a.sin()) as f32 };
 /// let scan = LaserScan::new(Stamp::default(), geometry, (0..52).map(range).collect())?;
-/// assert_eq!(mcl.update(&scan)?, UpdateOutcome::Applied);
+/// assert!(matches!(mcl.update(&scan)?, UpdateOutcome::Applied(_)));
 /// assert!(mcl.estimate().map_from_base.translation().norm() < 0.1);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -324,6 +324,6 @@ where
         *diagnostics = MclDiagnostics { weights, resampled, updates: diagnostics.updates + 1 };
         *due = false;
         *stamp = stamp.or_else(|| observation.stamp());
-        UpdateOutcome::Applied
+        UpdateOutcome::Applied(UpdateReport::default())
     }
 }
