@@ -23,7 +23,7 @@ mod tracker;
 pub use controller::{ControlError, Controller};
 pub use global_planner::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome};
 pub use local_planner::{
-    LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner, VehicleState,
+    BlockReason, LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner, VehicleState,
 };
 pub use localizer::{
     Correct, LocalizationError, Localizer, PoseBelief, PoseEstimate, SkipReason, UpdateOutcome, UpdateReport,

@@ -125,7 +125,7 @@ pub fn local_planner(
                 });
                 return ensure(ROLE, "a vehicle that arrived is at the end of the path", at_end);
             }
-            LocalPlanStatus::Blocked if state.twist == Twist2::ZERO => return Ok(()),
+            LocalPlanStatus::Blocked(_) if state.twist == Twist2::ZERO => return Ok(()),
             LocalPlanStatus::InCollision => {
                 return ensure(ROLE, "a vehicle that touches nothing is in no collision", false);
             }
@@ -161,9 +161,11 @@ mod tests {
         check,
         grid::{Cell, GridLayout},
         kinematics::TwistLimits,
-        roles::{LocalCommand, LocalPlanError},
+        roles::{BlockReason, LocalCommand, LocalPlanError},
     };
     use nalgebra::Vector2;
+
+    const BLOCKED: LocalPlanStatus = LocalPlanStatus::Blocked(BlockReason::Obstacle);
 
     /// Goes straight at half a metre per second, looking at nothing, until it says what it always says.
     struct Straight {
@@ -201,10 +203,10 @@ mod tests {
             local_planner(&mut Straight { speed, says }, request, &footprint, 0.4).map_err(|violation| violation.law)
         };
         assert_eq!(verdict(false, 0.5, LocalPlanStatus::Following), Ok(()));
-        assert_eq!(verdict(true, 0.0, LocalPlanStatus::Blocked), Ok(()));
+        assert_eq!(verdict(true, 0.0, BLOCKED), Ok(()));
         for (wall, speed, says, law) in [
             (true, 0.5, LocalPlanStatus::Following, "the vehicle touches nothing"),
-            (true, 0.5, LocalPlanStatus::Blocked, "the vehicle touches nothing"),
+            (true, 0.5, BLOCKED, "the vehicle touches nothing"),
             (false, 0.0, LocalPlanStatus::Following, "the vehicle arrives, or stands and says that it is blocked"),
             (false, 0.0, LocalPlanStatus::Arrived, "a vehicle that arrived is at the end of the path"),
             (false, 0.0, LocalPlanStatus::InCollision, "a vehicle that touches nothing is in no collision"),
