@@ -215,7 +215,7 @@ fn localize(args: &Args, map: &Grid<CellState>, recorded: &Recording, report: &m
         localizer.predict(&OdometryIncrement::between(from, &last.odom_from_base, to, &entry.odom_from_base)?)?;
         last = entry;
         let mut attempt = Timings::default();
-        if attempt.time(|| localizer.update(&entry.scan))? == UpdateOutcome::Applied {
+        if matches!(attempt.time(|| localizer.update(&entry.scan))?, UpdateOutcome::Applied(_)) {
             timings.append(attempt);
             let time = to - recorded.log.entries[0].scan.stamp();
             track.push(time, localizer.estimate().map_from_base, reference.pose);
@@ -281,12 +281,13 @@ fn drive(args: &Args, map: &Grid<CellState>, start: Se2, recorded: &Recording, r
     for cycle in 1..=cycles_at_most {
         let seen = simulator.step(&command)?;
         let step = cycles.time(|| navigator.cycle(&seen.odometry, seen.scan, command, dt))?;
-        command = step.command.twist;
+        let track = step.command.ok_or("the navigator has no path")?;
+        command = track.twist;
         contacts += usize::from(seen.contact);
         let truth = seen.truth.map_from_base;
         drive.track.push(cycle as f64 * dt, step.estimate.map_from_base, truth);
         drive.cross_track.extend(course.advance(&truth.translation(), 2.0).map(|p| p.cross_track));
-        arrived = step.command.status == TrackStatus::Arrived;
+        arrived = track.status == TrackStatus::Arrived;
         if arrived {
             break;
         }

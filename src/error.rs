@@ -29,6 +29,10 @@ pub enum Error {
     /// A global planner refused a query.
     #[error(transparent)]
     Plan(#[from] PlanError),
+    /// A global planner refused its parameters.
+    #[cfg(feature = "plan")]
+    #[error(transparent)]
+    PlanParams(#[from] agv_plan::Error),
     /// A local planner refused a request.
     #[error(transparent)]
     LocalPlan(#[from] LocalPlanError),

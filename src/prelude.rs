@@ -5,7 +5,7 @@ pub use agv_core::{
     geometry::{LieGroup, Se2, Se3, So2, So3, Twist2, Twist3},
     grid::{Cell, CellState, Costmap, Grid, GridLayout},
     kinematics::TwistLimits,
-    odometry::OdometryIncrement,
+    odometry::{MotionIncrement, OdometryIncrement},
     path::Path,
     roles::{
         Controller, Correct, GlobalPlanner, LidarOdometry, LocalPlanRequest, LocalPlanner, Localizer, PathTracker,

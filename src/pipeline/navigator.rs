@@ -14,8 +14,8 @@ use agv_core::{
     odometry::OdometryIncrement,
     path::Path,
     roles::{
-        Correct, GlobalPlanner, PathTracker, PlanOutcome, PoseBelief, PoseEstimate, TrackCommand, UpdateOutcome,
-        VehicleState,
+        Correct, GlobalPlanner, LocalizationError, PathTracker, PlanOutcome, PoseBelief, PoseEstimate, TrackCommand,
+        TrackError, UpdateOutcome, VehicleState,
     },
     sensors::LaserScan,
 };
@@ -27,8 +27,8 @@ pub struct NavigationStep {
     pub estimate: PoseEstimate<Se2>,
     /// What became of the scan; none if there was none in this cycle.
     pub correction: Option<UpdateOutcome>,
-    /// What to drive next, and how far along the path the vehicle is.
-    pub command: TrackCommand,
+    /// What to drive next, and how far along the path the vehicle is; none before the first goal.
+    pub command: Option<TrackCommand>,
 }
 
 /// Drives to goals in a known map.
@@ -40,7 +40,7 @@ pub struct NavigationStep {
 /// # impl Localizer for DeadReckoning {
 /// #     type Pose = Se2;
 /// #     fn initialize(&mut self, belief: &PoseBelief<Se2>) -> Result<(), LocalizationError> {
-/// #         if let PoseBelief::Around { map_from_base, covariance } = *belief { self.0 = PoseEstimate { map_from_base, covariance }; }
+/// #         if let PoseBelief::Around { map_from_base, covariance } = *belief { self.0 = PoseEstimate::new(map_from_base, covariance); }
 /// #         Ok(())
 /// #     }
 /// #     fn predict(&mut self, odometry: &OdometryIncrement) -> Result<(), LocalizationError> {
@@ -50,7 +50,7 @@ pub struct NavigationStep {
 /// #     fn estimate(&self) -> PoseEstimate<Se2> { self.0 }
 /// # }
 /// # impl Correct<LaserScan> for DeadReckoning {
-/// #     fn update(&mut self, _: &LaserScan) -> Result<UpdateOutcome, LocalizationError> { Ok(UpdateOutcome::Applied) }
+/// #     fn update(&mut self, _: &LaserScan) -> Result<UpdateOutcome, LocalizationError> { Ok(UpdateOutcome::Applied(Default::default())) }
 /// # }
 /// # struct StraightLine;
 /// # impl GlobalPlanner for StraightLine {
@@ -59,7 +59,7 @@ pub struct NavigationStep {
 /// #         Ok(PlanOutcome::Found { cost: path.length(), expansions: 1 })
 /// #     }
 /// # }
-/// # let localizer = DeadReckoning(PoseEstimate { map_from_base: Se2::identity(), covariance: agv_nav::nalgebra::Matrix3::zeros() });
+/// # let localizer = DeadReckoning(PoseEstimate::new(Se2::identity(), agv_nav::nalgebra::Matrix3::zeros()));
 /// # let planner = StraightLine;
 /// let map = Grid::filled(GridLayout::new(100, 100, 0.1, Se2::identity())?, CellState::Free);
 /// let tracker = PurePursuit::new(PurePursuitParams::default())?;
@@ -74,8 +74,9 @@ pub struct NavigationStep {
 ///     let motion = OdometryIncrement::between(now, &Se2::identity(), now + dt, &twist.integrate(dt)).unwrap();
 ///     now = now + dt;
 ///     let step = navigator.cycle(&motion, None, twist, dt).unwrap();
-///     twist = step.command.twist;
-///     step.command.status == TrackStatus::Arrived
+///     let command = step.command.unwrap(); // there is a goal
+///     twist = command.twist;
+///     command.status == TrackStatus::Arrived
 /// });
 /// assert!(arrived);
 /// # Ok::<(), agv_nav::Error>(())
@@ -118,9 +119,14 @@ impl Navigator {
     /// If there is no path, the old one is kept and the outcome says why there is none.
     ///
     /// # Errors
-    /// What the planner or the tracker refuses.
+    /// [`LocalizationError::NotInitialized`] before [`start`](Self::start), and what the planner or the tracker refuses.
     pub fn go_to(&mut self, goal: &Se2) -> Result<PlanOutcome, Error> {
-        let start = self.localizer.estimate().map_from_base;
+        let estimate = self.localizer.estimate();
+        // Before its first belief a localizer says that its variances are infinite.
+        if estimate.covariance.iter().any(|v| !v.is_finite()) {
+            return Err(LocalizationError::NotInitialized.into());
+        }
+        let start = estimate.map_from_base;
         let mut path = Path::new();
         let outcome = self.planner.plan_into(&self.costmap, &start, goal, &mut path)?;
         if let PlanOutcome::Found { .. } = outcome {
@@ -147,7 +153,11 @@ impl Navigator {
         let correction = scan.map(|scan| self.localizer.update(scan)).transpose()?;
         let estimate = self.localizer.estimate();
         let state = VehicleState { map_from_base: estimate.map_from_base, twist };
-        let command = self.tracker.command(&state, &self.limits, dt)?;
+        // Without a path there is nothing to track, and the localizer has moved already.
+        let command = match self.tracker.command(&state, &self.limits, dt) {
+            Err(TrackError::NoPath) => None,
+            command => Some(command?),
+        };
         Ok(NavigationStep { estimate, correction, command })
     }
 
@@ -159,6 +169,11 @@ impl Navigator {
     /// Where the vehicle is.
     pub fn estimate(&self) -> PoseEstimate<Se2> {
         self.localizer.estimate()
+    }
+
+    /// Replaces what the planner sees, from the next [`go_to`](Self::go_to) on; the path that is followed stays.
+    pub fn set_costmap(&mut self, costmap: Costmap) {
+        self.costmap = costmap;
     }
 
     /// What the planner sees.

@@ -58,7 +58,7 @@ pub(crate) fn localize(filter: &mut ScanFilter, steps: &[(OdometryIncrement, Las
     let mut resampled = false;
     for (motion, scan) in steps {
         filter.predict(motion).unwrap();
-        assert_eq!(filter.update(scan), Ok(UpdateOutcome::Applied));
+        assert!(matches!(filter.update(scan), Ok(UpdateOutcome::Applied(_))));
         std::hint::black_box(filter.estimate());
         resampled |= filter.diagnostics().resampled;
     }

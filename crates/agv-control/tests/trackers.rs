@@ -38,7 +38,7 @@ fn trackers_obey_the_laws_of_their_role() {
     let limits = TwistLimits::default();
     for path in [path(&[(0.0, 0.0), (5.0, 0.0)]), path(&[(0.0, 0.0), (3.0, 0.0), (3.0, 3.0), (0.0, 3.0)]), eight()] {
         for (name, mut tracker) in trackers() {
-            laws::path_tracker(tracker.as_mut(), &path, &limits, 0.05)
+            laws::path_tracker(tracker.as_mut(), &path, &limits, 0.05, 0.02)
                 .unwrap_or_else(|error| panic!("{name}: {error}"));
         }
     }

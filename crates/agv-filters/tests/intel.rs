@@ -44,7 +44,7 @@ fn track(drive: &Drive, form: ScanForm, particles: usize, seed: u64) -> Figures 
         mcl.predict(&motion).unwrap();
         last = entry;
         let reference = reference.pose;
-        if mcl.update(&entry.scan).unwrap() == UpdateOutcome::Applied {
+        if matches!(mcl.update(&entry.scan).unwrap(), UpdateOutcome::Applied(_)) {
             let estimate = mcl.estimate().map_from_base;
             let error = (estimate.translation() - reference.translation()).norm();
             updates += 1;
@@ -94,6 +94,6 @@ fn tracks_the_shipped_drive() {
             "seed {seed}: {} updates, position rmse {:.4} m, max {:.2} m, heading rmse {:.2}°",
             f.updates, f.position_rmse, f.position_max, f.heading_rmse
         );
-        assert!(f.position_rmse < 0.15 && f.position_max < 0.5 && f.heading_rmse < 2.0, "seed {seed}");
+        assert!(f.position_rmse < 0.12 && f.position_max < 0.5 && f.heading_rmse < 2.0, "seed {seed}");
     }
 }

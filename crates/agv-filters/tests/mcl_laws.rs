@@ -60,7 +60,7 @@ fn the_filter_keeps_the_laws_of_its_roles() {
                 assert_eq!(laws::correct(&mut mcl, &scan(nothing)), Ok(()), "{start:?}");
             }
             // Skipped scans leave it fit for the next one.
-            assert_eq!(mcl.update(&scan(vec![1.5; 91])), Ok(UpdateOutcome::Applied));
+            assert!(matches!(mcl.update(&scan(vec![1.5; 91])), Ok(UpdateOutcome::Applied(_))));
         }
     }
 }

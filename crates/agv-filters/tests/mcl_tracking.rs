@@ -88,7 +88,7 @@ fn drive(seed: u64) -> (Vec<f64>, Vec<f64>) {
         let reported = increment(Twist2::new(0.25, 0.0, 0.2).integrate(1.0));
         truth = slip.condition(&reported)(&truth, &mut world);
         mcl.predict(&reported).unwrap();
-        assert_eq!(mcl.update(&scan_from(&truth, &mut world)), Ok(UpdateOutcome::Applied));
+        assert!(matches!(mcl.update(&scan_from(&truth, &mut world)), Ok(UpdateOutcome::Applied(_))));
         let estimate = mcl.estimate();
         let error = truth.minus(&estimate.map_from_base);
         squares.push((truth.translation() - estimate.map_from_base.translation()).norm_squared());
@@ -217,10 +217,31 @@ fn scans_that_say_nothing_are_skipped_and_change_no_weight() {
     }
     let mut world = Seed(1).stream(0, 0);
     let scan = scan_from(&Se2::new(4.0, 2.0, 0.0), &mut world);
-    assert_eq!(mcl.update(&scan), Ok(UpdateOutcome::Applied));
+    assert!(matches!(mcl.update(&scan), Ok(UpdateOutcome::Applied(_))));
     assert_eq!(mcl.update(&scan), Ok(UpdateOutcome::Skipped(SkipReason::LittleMotion)));
     mcl.request_update();
-    assert_eq!(mcl.update(&scan), Ok(UpdateOutcome::Applied));
+    assert!(matches!(mcl.update(&scan), Ok(UpdateOutcome::Applied(_))));
+}
+
+#[test]
+fn the_estimate_says_what_time_it_refers_to() {
+    let mut mcl = filter(300, 0);
+    let start = Se2::new(4.0, 2.0, 0.0);
+    let belief = PoseBelief::around(start, diagonal(0.1, 0.1, 0.1));
+    let at = Stamp::from_seconds;
+    mcl.initialize(&belief).unwrap();
+    assert_eq!(mcl.estimate().stamp, None);
+    let mut scan = scan_from(&start, &mut Seed(1).stream(0, 0));
+    let ranges: Vec<f32> = scan.ranges().to_vec();
+    scan.refill(at(2.0), ranges.into_iter()).unwrap();
+    mcl.update(&scan).unwrap();
+    assert_eq!(mcl.estimate().stamp, Some(at(2.0)));
+    let motion = OdometryIncrement { start: at(2.0), end: at(3.0), ..increment(Se2::new(0.3, 0.0, 0.0)) };
+    mcl.predict(&motion).unwrap();
+    mcl.update(&scan).unwrap();
+    assert_eq!(mcl.estimate().stamp, Some(at(3.0)), "the scan counts as taken at the end of the motion");
+    mcl.initialize(&belief).unwrap();
+    assert_eq!(mcl.estimate().stamp, None);
 }
 
 #[test]

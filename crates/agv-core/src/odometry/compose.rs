@@ -6,14 +6,14 @@
 //!
 //! exact to first order in the errors, which are right increments (Solà et al., Eq. 54).
 
-use super::OdometryIncrement;
+use super::{MotionIncrement, OdometryIncrement, increment::check_pose};
 use crate::{
     Error, check,
     geometry::{LieGroup, Se2},
 };
 use nalgebra::Matrix3;
 
-impl OdometryIncrement {
+impl<G: LieGroup> MotionIncrement<G> {
     /// This motion followed by `next`, with the covariance of both. The time between the two counts as rest.
     ///
     /// # Errors
@@ -30,9 +30,8 @@ impl OdometryIncrement {
     /// ```
     pub fn then(&self, next: &Self) -> Result<Self, Error> {
         for motion in [self, next] {
-            let pose = motion.start_from_end;
-            check::all_finite("odometry motion", &[pose.x(), pose.y(), pose.yaw()])?;
-            check::all_finite("odometry covariance", motion.covariance.as_slice())?;
+            check_pose("odometry motion", &motion.start_from_end)?;
+            check::all_finite("odometry covariance", G::matrix_slice(&motion.covariance))?;
         }
         if next.start < self.end {
             let (earlier_ns, later_ns) = (self.end.nanoseconds(), next.start.nanoseconds());
@@ -43,7 +42,7 @@ impl OdometryIncrement {
             start: self.start,
             end: next.end,
             start_from_end: self.start_from_end.compose(&next.start_from_end),
-            covariance: carry * self.covariance * carry.transpose() + next.covariance,
+            covariance: carry * self.covariance * G::transpose(&carry) + next.covariance,
         })
     }
 }

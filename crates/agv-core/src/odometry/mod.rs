@@ -19,6 +19,6 @@ pub use compose::OdometryAccumulator;
 pub use encoder::{EncoderParams, TickCounter};
 pub use gyro_bias::GyroBiasEstimator;
 pub use imu::{YawIncrement, YawIntegrator, gyrodometry};
-pub use increment::OdometryIncrement;
+pub use increment::{MotionIncrement, OdometryIncrement};
 pub use rot_trans_rot::RotTransRot;
 pub use wheels::{RollingModel, WheelNoise, WheelOdometry};

@@ -61,9 +61,23 @@ pub enum LocalPlanStatus {
     /// The goal is reached and the vehicle comes to rest.
     Arrived,
     /// No motion along the path is safe: the twist brakes.
-    Blocked,
+    Blocked(BlockReason),
     /// The vehicle touches an obstacle already: the twist brakes.
     InCollision,
+}
+
+/// Why no motion along the path is safe.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum BlockReason {
+    /// A lethal cell of the costmap is in the way: another path may help.
+    Obstacle,
+    /// An obstacle that moves is in the way: waiting may help.
+    MovingObstacle,
+    /// The limits leave no motion that follows the path.
+    Limits,
+    /// The vehicle is farther from the path than the planner can mend.
+    OffPath,
 }
 
 /// Why a local planner refused a request.
@@ -84,7 +98,7 @@ pub enum LocalPlanError {
 ///
 /// ```
 /// use agv_core::geometry::Twist2;
-/// use agv_core::roles::{LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner};
+/// use agv_core::roles::{BlockReason, LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner};
 ///
 /// /// An emergency stop: brakes as hard as the limits allow.
 /// struct Stop;
@@ -93,7 +107,7 @@ pub enum LocalPlanError {
 ///     fn command(&mut self, request: LocalPlanRequest<'_>) -> Result<LocalCommand, LocalPlanError> {
 ///         let v = request.state.twist.vx;
 ///         let slower = (v.abs() - request.limits.deceleration * request.dt).max(0.0).copysign(v);
-///         Ok(LocalCommand { twist: Twist2::new(slower, 0.0, 0.0), status: LocalPlanStatus::Blocked })
+///         Ok(LocalCommand { twist: Twist2::new(slower, 0.0, 0.0), status: LocalPlanStatus::Blocked(BlockReason::Obstacle) })
 ///     }
 /// }
 /// ```

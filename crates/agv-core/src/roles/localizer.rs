@@ -1,6 +1,6 @@
 //! Where am I.
 
-use crate::{Error, geometry::LieGroup, odometry::OdometryIncrement};
+use crate::{Error, geometry::LieGroup, odometry::MotionIncrement, time::Stamp};
 
 /// What is known of the pose before the first observation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,6 +47,16 @@ pub struct PoseEstimate<G: LieGroup> {
     pub map_from_base: G,
     /// Covariance of the right increment, that is in the base frame, translation first (m², m rad, rad²).
     pub covariance: G::Matrix,
+    /// The time that the pose refers to: the end of the last motion, or the time of the first observation if there was no
+    /// motion yet. None before the first of them that has a time.
+    pub stamp: Option<Stamp>,
+}
+
+impl<G: LieGroup> PoseEstimate<G> {
+    /// An estimate that refers to no known time.
+    pub const fn new(map_from_base: G, covariance: G::Matrix) -> Self {
+        Self { map_from_base, covariance, stamp: None }
+    }
 }
 
 /// What became of an observation.
@@ -54,9 +64,19 @@ pub struct PoseEstimate<G: LieGroup> {
 #[non_exhaustive]
 pub enum UpdateOutcome {
     /// The belief has taken it in.
-    Applied,
+    Applied(UpdateReport),
     /// The belief is as it was.
     Skipped(SkipReason),
+}
+
+/// How well an observation fitted the belief, as far as the player knows; `UpdateReport::default()` says nothing.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[non_exhaustive]
+pub struct UpdateReport {
+    /// Share of the usable readings that the belief explains, from 0 to 1.
+    pub explained: Option<f64>,
+    /// Normalised innovation squared.
+    pub nis: Option<f64>,
 }
 
 /// Why an observation was not applied.
@@ -125,13 +145,14 @@ pub enum LocalizationError {
 ///     type Pose = Se2;
 ///     fn initialize(&mut self, belief: &PoseBelief<Se2>) -> Result<(), LocalizationError> {
 ///         if let PoseBelief::Around { map_from_base, covariance } = *belief {
-///             self.0 = PoseEstimate { map_from_base, covariance };
+///             self.0 = PoseEstimate::new(map_from_base, covariance);
 ///         }
 ///         Ok(())
 ///     }
 ///     fn predict(&mut self, odometry: &OdometryIncrement) -> Result<(), LocalizationError> {
 ///         let back = odometry.start_from_end.inverse().adjoint();
 ///         self.0.map_from_base = self.0.map_from_base * odometry.start_from_end;
+///         self.0.stamp = Some(odometry.end);
 ///         self.0.covariance = back * self.0.covariance * back.transpose() + odometry.covariance;
 ///         Ok(())
 ///     }
@@ -141,7 +162,7 @@ pub enum LocalizationError {
 /// }
 ///
 /// let mut localizer: Box<dyn Localizer<Pose = Se2> + Send> =
-///     Box::new(DeadReckoning(PoseEstimate { map_from_base: Se2::identity(), covariance: Matrix3::zeros() }));
+///     Box::new(DeadReckoning(PoseEstimate::new(Se2::identity(), Matrix3::zeros())));
 /// localizer.initialize(&PoseBelief::around(Se2::new(1.0, 0.0, 0.0), Matrix3::identity() * 0.01))?;
 /// assert_eq!(localizer.estimate().map_from_base.x(), 1.0);
 /// # Ok::<(), LocalizationError>(())
@@ -156,11 +177,12 @@ pub trait Localizer {
     /// A mean or covariance that is not finite, a covariance that is not positive semi-definite, or a belief off the map.
     fn initialize(&mut self, belief: &PoseBelief<Self::Pose>) -> Result<(), LocalizationError>;
 
-    /// Moves the belief by what the odometry reports.
+    /// Moves the belief by what the odometry reports; a localizer in space takes planar odometry
+    /// lifted by `MotionIncrement::<Se3>::from`.
     ///
     /// # Errors
     /// [`LocalizationError::NotInitialized`], or a motion that is not finite.
-    fn predict(&mut self, odometry: &OdometryIncrement) -> Result<(), LocalizationError>;
+    fn predict(&mut self, odometry: &MotionIncrement<Self::Pose>) -> Result<(), LocalizationError>;
 
     /// Best pose and its covariance.
     fn estimate(&self) -> PoseEstimate<Self::Pose>;
@@ -171,6 +193,10 @@ pub trait Localizer {
 /// Held as `Box<dyn Correct<LaserScan, Pose = Se2> + Send>`; one filter may implement it for several kinds.
 pub trait Correct<Z: ?Sized>: Localizer {
     /// Weighs the belief with the observation; says whether it was applied, or why it was skipped.
+    ///
+    /// The observation refers to its own stamp, the belief to the end of the last motion. A player either compensates for
+    /// the motion between the two, or treats the observation as taken at the end of the last motion; its documentation
+    /// says which. Callers of the latter predict up to the observation's stamp first.
     ///
     /// # Errors
     /// [`LocalizationError::NotInitialized`], or an observation that cannot be one (a reading without meaning is

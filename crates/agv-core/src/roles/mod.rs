@@ -22,8 +22,12 @@ mod tracker;
 
 pub use controller::{ControlError, Controller};
 pub use global_planner::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome};
-pub use local_planner::{LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner, VehicleState};
-pub use localizer::{Correct, LocalizationError, Localizer, PoseBelief, PoseEstimate, SkipReason, UpdateOutcome};
+pub use local_planner::{
+    BlockReason, LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner, VehicleState,
+};
+pub use localizer::{
+    Correct, LocalizationError, Localizer, PoseBelief, PoseEstimate, SkipReason, UpdateOutcome, UpdateReport,
+};
 pub use registration::{Alignment, LidarOdometry, LidarOdometryStep, Registration, RegistrationError, Termination};
 pub use scan_matcher::{ScanMatch, ScanMatchError, ScanMatcher};
 pub use tracker::{PathTracker, TrackCommand, TrackError, TrackStatus};

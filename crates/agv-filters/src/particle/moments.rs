@@ -64,6 +64,7 @@ fn moments(sums: &Sums, pivot: &Vector2<f64>) -> PoseEstimate<Se2> {
     PoseEstimate {
         map_from_base: Se2::from_parts(pivot + Vector2::new(x, y), heading),
         covariance: Matrix3::new(p.m11.max(0.0), p.m12, k.x, p.m12, p.m22.max(0.0), k.y, k.x, k.y, heading_variance),
+        stamp: None,
     }
 }
 

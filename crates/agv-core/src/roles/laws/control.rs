@@ -44,7 +44,8 @@ pub fn controller(player: &mut dyn Controller) -> Result<(), LawViolation> {
     ensure(ROLE, "a refused value changes nothing", run(player, true) == clean)
 }
 
-/// Checks a path tracker that was just built: an ideal vehicle at the start of `path` arrives within the limits.
+/// Checks a path tracker that was just built: an ideal vehicle at the start of `path` arrives within the limits, and not
+/// before its end: when it says so, vehicle and remaining path are within `tolerance` metres of it.
 ///
 /// # Errors
 /// The first law that was broken.
@@ -53,6 +54,7 @@ pub fn path_tracker(
     path: &Path,
     limits: &TwistLimits,
     dt: f64,
+    tolerance: f64,
 ) -> Result<(), LawViolation> {
     const ROLE: &str = "PathTracker";
     let start = path.points().first().map(|p| p.pose).unwrap_or_default();
@@ -92,8 +94,61 @@ pub fn path_tracker(
         state.twist = command.twist;
         state.map_from_base = state.map_from_base.compose(&command.twist.integrate(dt));
         if command.status == TrackStatus::Arrived {
+            let at_end = path
+                .points()
+                .last()
+                .is_some_and(|end| (end.pose.translation() - state.map_from_base.translation()).norm() <= tolerance);
+            ensure(ROLE, "a vehicle that arrived is at the end of the path", at_end)?;
+            ensure(ROLE, "nothing remains of the path of one that arrived", command.remaining <= tolerance)?;
             return ensure(ROLE, "a vehicle that arrived is at rest", state.twist.speed() < 1e-9);
         }
     }
     ensure(ROLE, "an ideal vehicle arrives", false)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{check, roles::TrackCommand};
+
+    /// Refuses what it must, and says that it arrived without moving.
+    struct Idler {
+        remaining: Option<f64>,
+        admits: bool,
+    }
+
+    impl PathTracker for Idler {
+        fn set_path(&mut self, path: &Path) -> Result<(), TrackError> {
+            if path.length() <= 0.0 {
+                return Err(TrackError::NoPath);
+            }
+            self.remaining = Some(path.length());
+            Ok(())
+        }
+
+        fn command(&mut self, state: &VehicleState, limits: &TwistLimits, dt: f64) -> Result<TrackCommand, TrackError> {
+            let remaining = self.remaining.ok_or(TrackError::NoPath)?;
+            check::positive("dt", dt)?;
+            limits.validate()?;
+            if !state.is_finite() {
+                check::finite("state", f64::NAN)?;
+            }
+            let remaining = if self.admits { remaining } else { 0.0 };
+            let status = TrackStatus::Arrived;
+            Ok(TrackCommand { twist: Twist2::ZERO, status, cross_track_error: 0.0, heading_error: 0.0, remaining })
+        }
+    }
+
+    #[test]
+    fn a_tracker_that_arrives_early_is_caught() {
+        let verdict = |points: [Vector2<f64>; 3], admits| {
+            let path = Path::from_positions(&points).unwrap();
+            path_tracker(&mut Idler { remaining: None, admits }, &path, &TwistLimits::default(), 0.05, 0.05)
+        };
+        let far = [0.0, 1.0, 2.0].map(|x| Vector2::new(x, 0.0));
+        assert_eq!(verdict(far, false).unwrap_err().law, "a vehicle that arrived is at the end of the path");
+        // A round trip ends where it starts, so only what remains tells.
+        let round = [0.0, 1.0, 0.0].map(|x| Vector2::new(x, 0.0));
+        assert_eq!(verdict(round, true).unwrap_err().law, "nothing remains of the path of one that arrived");
+    }
 }

@@ -3,9 +3,9 @@
 use super::{LawViolation, NOT_FINITE, ensure};
 use crate::{
     geometry::{LieGroup, Se2, Twist2},
-    grid::Costmap,
+    grid::{CellState, CollisionChecker, CollisionParams, Costmap, Footprint, Grid, cost},
     path::Path,
-    roles::{GlobalPlanner, LocalPlanRequest, LocalPlanner, PlanError, PlanOutcome, VehicleState},
+    roles::{GlobalPlanner, LocalPlanRequest, LocalPlanStatus, LocalPlanner, PlanError, PlanOutcome, VehicleState},
 };
 
 /// Checks a global planner on a query that has an answer: `costmap` joins `start` and `goal`.
@@ -75,11 +75,17 @@ fn is_traversable(costmap: &Costmap, path: &Path) -> bool {
     })
 }
 
-/// Checks a local planner on a request that has an answer.
+/// Checks a local planner on a request of a vehicle that touches nothing lethal: an ideal vehicle with that `footprint`
+/// never does so on its way, and it arrives within `tolerance` metres of the path's end or says that it is blocked.
 ///
 /// # Errors
 /// The first law that was broken.
-pub fn local_planner(player: &mut dyn LocalPlanner, request: LocalPlanRequest<'_>) -> Result<(), LawViolation> {
+pub fn local_planner(
+    player: &mut dyn LocalPlanner,
+    request: LocalPlanRequest<'_>,
+    footprint: &Footprint,
+    tolerance: f64,
+) -> Result<(), LawViolation> {
     const ROLE: &str = "LocalPlanner";
     for value in NOT_FINITE {
         let nowhere = VehicleState { map_from_base: Se2::new(value, 0.0, 0.0), ..request.state };
@@ -93,15 +99,119 @@ pub fn local_planner(player: &mut dyn LocalPlanner, request: LocalPlanRequest<'_
     let nothing = Path::new();
     ensure(ROLE, "an empty path is refused", player.command(LocalPlanRequest { path: &nothing, ..request }).is_err())?;
 
+    let Ok(mut obstacles) = lethal(request.costmap, footprint) else {
+        return ensure(ROLE, "the case is a sound one: its costmap can be checked", false);
+    };
     let mut state = request.state;
-    for _ in 0..100 {
+    // Ten times as long as the path takes at full speed, and a minute for turning and braking.
+    let cycles = ((10.0 * request.path.length() / request.limits.forward_speed.max(0.01) + 60.0) / request.dt).ceil();
+    for _ in 0..cycles as usize {
         let Ok(command) = player.command(LocalPlanRequest { state, ..request }) else {
             return ensure(ROLE, "a good request is taken", false);
         };
         let within = request.limits.allows_step(&state.twist, &command.twist, request.dt);
         ensure(ROLE, "a command respects every limit", within)?;
+        ensure(
+            ROLE,
+            "the vehicle touches nothing",
+            !sweeps(&mut obstacles, &state.map_from_base, &command.twist, request.dt),
+        )?;
         state.twist = command.twist;
         state.map_from_base = state.map_from_base.compose(&command.twist.integrate(request.dt));
+        match command.status {
+            LocalPlanStatus::Arrived => {
+                let at_end = request.path.points().last().is_some_and(|end| {
+                    (end.pose.translation() - state.map_from_base.translation()).norm() <= tolerance
+                });
+                return ensure(ROLE, "a vehicle that arrived is at the end of the path", at_end);
+            }
+            LocalPlanStatus::Blocked(_) if state.twist == Twist2::ZERO => return Ok(()),
+            LocalPlanStatus::InCollision => {
+                return ensure(ROLE, "a vehicle that touches nothing is in no collision", false);
+            }
+            _ => {}
+        }
     }
-    Ok(())
+    ensure(ROLE, "the vehicle arrives, or stands and says that it is blocked", false)
+}
+
+/// A checker of one vehicle against the lethal cells of a costmap.
+fn lethal(costmap: &Costmap, footprint: &Footprint) -> Result<CollisionChecker, crate::Error> {
+    let state = |&c: &u8| if c == cost::LETHAL { CellState::Occupied } else { CellState::Free };
+    let map = Grid::new(*costmap.layout(), costmap.costs().iter().map(state).collect())?;
+    let params = CollisionParams { outside_is_obstacle: false, ..CollisionParams::default() };
+    CollisionChecker::new(&map, footprint.clone(), params)
+}
+
+/// Whether the vehicle touches an obstacle in a cycle; sampled so that no point moves farther than a quarter of a cell, and
+/// exact at the samples: unlike [`CollisionChecker::collides_along`] it blames nobody who only passes nearby.
+fn sweeps(obstacles: &mut CollisionChecker, from: &Se2, twist: &Twist2, dt: f64) -> bool {
+    let reach = twist.speed() + twist.yaw_rate.abs() * obstacles.footprint().circumscribed_radius();
+    let samples = (reach * dt / (0.25 * obstacles.layout().resolution())).ceil().max(1.0) as usize;
+    (1..=samples).any(|i| {
+        let pose = from.compose(&twist.integrate(dt * i as f64 / samples as f64));
+        obstacles.collides(&pose).unwrap_or(true)
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        check,
+        grid::{Cell, GridLayout},
+        kinematics::TwistLimits,
+        roles::{BlockReason, LocalCommand, LocalPlanError},
+    };
+    use nalgebra::Vector2;
+
+    const BLOCKED: LocalPlanStatus = LocalPlanStatus::Blocked(BlockReason::Obstacle);
+
+    /// Goes straight at half a metre per second, looking at nothing, until it says what it always says.
+    struct Straight {
+        speed: f64,
+        says: LocalPlanStatus,
+    }
+
+    impl LocalPlanner for Straight {
+        fn command(&mut self, request: LocalPlanRequest<'_>) -> Result<LocalCommand, LocalPlanError> {
+            check::positive("dt", request.dt)?;
+            let end = request.path.points().last().ok_or(LocalPlanError::EmptyPath)?.pose;
+            if !request.state.is_finite() {
+                check::finite("state", f64::NAN)?;
+            }
+            let rest = end.x() - request.state.map_from_base.x();
+            let (wish, status) = if rest < 0.3 { (0.0, LocalPlanStatus::Arrived) } else { (self.speed, self.says) };
+            let twist = request.limits.step(&request.state.twist, &Twist2::new(wish, 0.0, 0.0), request.dt)?;
+            Ok(LocalCommand { twist, status })
+        }
+    }
+
+    #[test]
+    fn local_planners_that_cheat_are_caught() {
+        let verdict = |wall: bool, speed: f64, says| {
+            let mut map = Grid::filled(GridLayout::new(100, 40, 0.1, Se2::default()).unwrap(), CellState::Free);
+            if wall {
+                map.set(Cell::new(50, 20), CellState::Occupied);
+            }
+            let costmap = Costmap::from_map(&map);
+            let path = Path::from_positions(&[Vector2::new(1.0, 2.0), Vector2::new(8.0, 2.0)]).unwrap();
+            let state = VehicleState { map_from_base: Se2::new(1.0, 2.0, 0.0), twist: Twist2::ZERO };
+            let limits = &TwistLimits::default();
+            let request = LocalPlanRequest { state, path: &path, costmap: &costmap, obstacles: &[], limits, dt: 0.1 };
+            let footprint = Footprint::circle(0.3).unwrap();
+            local_planner(&mut Straight { speed, says }, request, &footprint, 0.4).map_err(|violation| violation.law)
+        };
+        assert_eq!(verdict(false, 0.5, LocalPlanStatus::Following), Ok(()));
+        assert_eq!(verdict(true, 0.0, BLOCKED), Ok(()));
+        for (wall, speed, says, law) in [
+            (true, 0.5, LocalPlanStatus::Following, "the vehicle touches nothing"),
+            (true, 0.5, BLOCKED, "the vehicle touches nothing"),
+            (false, 0.0, LocalPlanStatus::Following, "the vehicle arrives, or stands and says that it is blocked"),
+            (false, 0.0, LocalPlanStatus::Arrived, "a vehicle that arrived is at the end of the path"),
+            (false, 0.0, LocalPlanStatus::InCollision, "a vehicle that touches nothing is in no collision"),
+        ] {
+            assert_eq!(verdict(wall, speed, says), Err(law), "{says:?} at {speed} m/s");
+        }
+    }
 }

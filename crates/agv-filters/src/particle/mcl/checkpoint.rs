@@ -2,7 +2,9 @@
 
 use super::filter::{Belief, Mcl, MclDiagnostics};
 use crate::particle::ParticleSet;
-use agv_core::{Error, check, compute::Seed, geometry::Se2, odometry::OdometryIncrement, roles::PoseEstimate};
+use agv_core::{
+    Error, check, compute::Seed, geometry::Se2, odometry::OdometryIncrement, roles::PoseEstimate, time::Stamp,
+};
 
 /// All of a filter that changes as it runs: particles, weights, seed and step, pending odometry, diagnostics.
 ///
@@ -20,6 +22,7 @@ pub struct MclCheckpoint {
     log_weights: Vec<Option<f64>>,
     weights: Vec<f64>,
     pending: Option<OdometryIncrement>,
+    stamp: Option<Stamp>,
     moments: Option<PoseEstimate<Se2>>,
     diagnostics: MclDiagnostics,
 }
@@ -27,7 +30,7 @@ pub struct MclCheckpoint {
 impl<M, S, R, P, U> Mcl<M, S, R, P, U> {
     /// The state of the filter.
     pub fn checkpoint(&self) -> MclCheckpoint {
-        let Belief { particles, initialized, step, pending, due, moments, diagnostics } = &self.belief;
+        let Belief { particles, initialized, step, pending, stamp, due, moments, diagnostics } = &self.belief;
         MclCheckpoint {
             seed: self.seed,
             step: *step,
@@ -37,6 +40,7 @@ impl<M, S, R, P, U> Mcl<M, S, R, P, U> {
             log_weights: particles.log_weights().iter().map(|&w| (w > f64::NEG_INFINITY).then_some(w)).collect(),
             weights: particles.weights().to_vec(),
             pending: *pending,
+            stamp: *stamp,
             moments: *moments,
             diagnostics: *diagnostics,
         }
@@ -61,6 +65,7 @@ impl<M, S, R, P, U> Mcl<M, S, R, P, U> {
             initialized: checkpoint.initialized,
             step: checkpoint.step,
             pending: *pending,
+            stamp: checkpoint.stamp,
             due: checkpoint.due,
             moments: *moments,
             diagnostics: checkpoint.diagnostics,

@@ -9,7 +9,9 @@ use agv_core::{
     compute::{Par, Seed},
     geometry::{LieGroup, Se2},
     odometry::OdometryIncrement,
-    roles::{PoseEstimate, SkipReason, UpdateOutcome},
+    roles::{PoseEstimate, SkipReason, UpdateOutcome, UpdateReport},
+    sensors::Observation,
+    time::Stamp,
 };
 
 /// Parameters of an [`Mcl`].
@@ -62,9 +64,10 @@ pub struct MclDiagnostics {
 /// its sensor `S` can weigh.
 ///
 /// - *predict* gathers odometry; once it calls for an update, every particle moves by a draw of the motion model `M`. Time
-///   stamps are not used, so a log whose clock steps backwards does no harm.
+///   stamps are passed on in the estimate but not used, so a log whose clock steps backwards does no harm.
 /// - *update* weighs the particles if the vehicle has moved enough (the first observation after an initialisation always
 ///   counts), takes mean and covariance, and resamples if the policy asks for it.
+///   An observation counts as taken at the end of the last motion, whatever its stamp: predict up to it first.
 /// - *estimate* is the mean at the last update, carried on by the odometry since.
 ///
 /// Everything it needs is allocated by [`new`](Self::new), but for what a sensor keeps. A call costs O(particles x beams).
@@ -97,7 +100,7 @@ pub struct MclDiagnostics {
 /// let geometry = ScanGeometry { angle_min: 0.01, angle_increment: 0.03, ..Default::default() };
 /// let range = |i: i32| { let a = 0.01 + 0.03 * f64::from(i); (1.975 / a.cos()).min(0.975 / a.sin()) as f32 };
 /// let scan = LaserScan::new(Stamp::default(), geometry, (0..52).map(range).collect())?;
-/// assert_eq!(mcl.update(&scan)?, UpdateOutcome::Applied);
+/// assert!(matches!(mcl.update(&scan)?, UpdateOutcome::Applied(_)));
 /// assert!(mcl.estimate().map_from_base.translation().norm() < 0.1);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
@@ -125,6 +128,8 @@ pub(super) struct Belief {
     pub(super) step: u64,
     /// Odometry that the particles have not followed yet.
     pub(super) pending: Option<OdometryIncrement>,
+    /// The time that the belief refers to.
+    pub(super) stamp: Option<Stamp>,
     /// Whether the next observation is taken in.
     pub(super) due: bool,
     /// Moments of the particles; none once they have moved.
@@ -165,6 +170,7 @@ impl<M, S> Mcl<M, S> {
                 initialized: false,
                 step: 0,
                 pending: None,
+                stamp: None,
                 due: false,
                 moments: None,
                 diagnostics,
@@ -284,7 +290,7 @@ where
     }
 
     /// Weighs, takes the moments and resamples; the belief is as it was if the observation is skipped.
-    pub(super) fn correct<Z: ?Sized>(&mut self, observation: &Z) -> UpdateOutcome
+    pub(super) fn correct<Z: Observation + ?Sized>(&mut self, observation: &Z) -> UpdateOutcome
     where
         S: WeighParticles<Z>,
         R: Resampler,
@@ -307,7 +313,7 @@ where
             self.adopt_motion();
         }
         let seed = self.seed_for(Draw::Resampling);
-        let Belief { particles, step, due, moments, diagnostics, .. } = &mut self.belief;
+        let Belief { particles, step, stamp, due, moments, diagnostics, .. } = &mut self.belief;
         // Before resampling, which adds variance and no knowledge.
         *moments = Some(particles.estimate(self.par));
         let resampled = self.resample_policy.is_due(&weights, particles.len());
@@ -317,6 +323,7 @@ where
         }
         *diagnostics = MclDiagnostics { weights, resampled, updates: diagnostics.updates + 1 };
         *due = false;
-        UpdateOutcome::Applied
+        *stamp = stamp.or_else(|| observation.stamp());
+        UpdateOutcome::Applied(UpdateReport::default())
     }
 }

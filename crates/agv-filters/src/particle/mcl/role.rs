@@ -12,6 +12,7 @@ use agv_core::{
     geometry::{LieGroup, Se2},
     odometry::OdometryIncrement,
     roles::{Correct, LocalizationError, Localizer, PoseBelief, PoseEstimate, UpdateOutcome},
+    sensors::Observation,
 };
 use nalgebra::Matrix3;
 
@@ -54,6 +55,7 @@ where
         self.belief.initialized = true;
         self.belief.due = true;
         self.belief.pending = None;
+        self.belief.stamp = None;
         self.belief.moments = None;
         Ok(())
     }
@@ -72,6 +74,7 @@ where
         };
         let is_due = self.update_policy.is_due(&pending.start_from_end);
         self.belief.pending = Some(pending);
+        self.belief.stamp = Some(odometry.end);
         if is_due {
             self.belief.due = true;
             self.propagate();
@@ -82,14 +85,16 @@ where
     fn estimate(&self) -> PoseEstimate<Se2> {
         if !self.belief.initialized {
             let covariance = Matrix3::from_diagonal_element(f64::INFINITY);
-            return PoseEstimate { map_from_base: Se2::identity(), covariance };
+            return PoseEstimate::new(Se2::identity(), covariance);
         }
         let moments = self.belief.moments.unwrap_or_else(|| self.belief.particles.estimate(self.par));
+        let stamp = self.belief.stamp;
         match &self.belief.pending {
-            None => moments,
+            None => PoseEstimate { stamp, ..moments },
             Some(motion) => PoseEstimate {
                 map_from_base: moments.map_from_base * motion.start_from_end,
                 covariance: carry(&moments.covariance, &motion.start_from_end) + self.motion.covariance(motion),
+                stamp,
             },
         }
     }
@@ -97,7 +102,7 @@ where
 
 impl<Z, M, S, R, P, U> Correct<Z> for Mcl<M, S, R, P, U>
 where
-    Z: ?Sized,
+    Z: Observation + ?Sized,
     M: MotionModel<Motion = OdometryIncrement>,
     S: WeighParticles<Z>,
     R: Resampler,
