@@ -226,7 +226,7 @@ impl CollisionChecker {
 
 #[cfg(test)]
 mod tests {
-    use super::*;
+    use super::{super::footprint::edges, *};
     use nalgebra::Vector2;
     use proptest::prelude::*;
 
@@ -272,7 +272,8 @@ mod tests {
         })
     }
 
-    /// Whether any point of an obstacle cell, grown by `margin` metres, lies in the footprint, by sampling cells.
+    /// Whether any point of an obstacle cell, grown by `margin` metres, lies in the footprint, by sampling the cells, and
+    /// the outline too: the tip of a needle lies between the samples of a cell.
     fn near(map: &Grid<CellState>, footprint: &Footprint, pose: &Se2, margin: f64, outside: bool) -> bool {
         let base_from_map = pose.inverse();
         let half = 0.5 * RESOLUTION + margin;
@@ -288,6 +289,23 @@ mod tests {
                 })
             })
         };
+        let outline = footprint.vertices().unwrap_or_default();
+        let on_outline =
+            edges(outline).flat_map(|(a, b)| (0..=2000).map(move |k| a + (b - a) * (f64::from(k) / 2000.0)));
+        let tip_meets = |p: Vector2<f64>| {
+            let p = layout.to_grid(&(*pose * p));
+            let reach = margin / RESOLUTION;
+            (-1..=1).any(|i| {
+                (-1..=1).any(|j| {
+                    let near = Vector2::new(p.x + reach * f64::from(i), p.y + reach * f64::from(j));
+                    let cell = Cell::new(near.x.floor() as i32, near.y.floor() as i32);
+                    map.get(cell).map_or(outside, |s| *s == CellState::Occupied)
+                })
+            })
+        };
+        if on_outline.into_iter().any(tip_meets) {
+            return true;
+        }
         let (w, h) = (layout.width() as i32, layout.height() as i32);
         let border = 30;
         (-border..w + border).any(|x| {
