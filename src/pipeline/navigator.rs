@@ -34,52 +34,44 @@ pub struct NavigationStep {
 /// Drives to goals in a known map.
 ///
 /// ```
-/// use agv_nav::{control::track::{PurePursuit, PurePursuitParams}, pipeline::Navigator, prelude::*};
-/// # use agv_nav::core::roles::LocalizationError;
-/// # struct DeadReckoning(PoseEstimate<Se2>);
-/// # impl Localizer for DeadReckoning {
-/// #     type Pose = Se2;
-/// #     fn initialize(&mut self, belief: &PoseBelief<Se2>) -> Result<(), LocalizationError> {
-/// #         if let PoseBelief::Around { map_from_base, covariance } = *belief { self.0 = PoseEstimate::new(map_from_base, covariance); }
-/// #         Ok(())
-/// #     }
-/// #     fn predict(&mut self, odometry: &OdometryIncrement) -> Result<(), LocalizationError> {
-/// #         self.0.map_from_base = self.0.map_from_base * odometry.start_from_end;
-/// #         Ok(())
-/// #     }
-/// #     fn estimate(&self) -> PoseEstimate<Se2> { self.0 }
-/// # }
-/// # impl Correct<LaserScan> for DeadReckoning {
-/// #     fn update(&mut self, _: &LaserScan) -> Result<UpdateOutcome, LocalizationError> { Ok(UpdateOutcome::Applied(Default::default())) }
-/// # }
-/// # struct StraightLine;
-/// # impl GlobalPlanner for StraightLine {
-/// #     fn plan_into(&mut self, _: &Costmap, start: &Se2, goal: &Se2, path: &mut Path) -> Result<PlanOutcome, agv_nav::core::roles::PlanError> {
-/// #         path.set_positions([start.translation(), goal.translation()])?;
-/// #         Ok(PlanOutcome::Found { cost: path.length(), expansions: 1 })
-/// #     }
-/// # }
-/// # let localizer = DeadReckoning(PoseEstimate::new(Se2::identity(), agv_nav::nalgebra::Matrix3::zeros()));
-/// # let planner = StraightLine;
-/// let map = Grid::filled(GridLayout::new(100, 100, 0.1, Se2::identity())?, CellState::Free);
-/// let tracker = PurePursuit::new(PurePursuitParams::default())?;
-/// let (costmap, limits) = (Costmap::from_map(&map), TwistLimits::default());
-/// let mut navigator = Navigator::new(Box::new(localizer), Box::new(planner), Box::new(tracker), costmap, limits)?;
+/// use agv_nav::{control::track::*, core::grid::*, filters::particle::*, nalgebra::Matrix3};
+/// use agv_nav::{pipeline::Navigator, plan::grid::*, prelude::*};
+/// use agv_sim::{Body, GridWorld, Laser, LaserParams, Simulator2d, Vehicle, VehicleParams};
 ///
-/// navigator.start(&PoseBelief::around(Se2::new(1.0, 1.0, 0.0), agv_nav::nalgebra::Matrix3::identity() * 1e-4))?;
-/// navigator.go_to(&Se2::new(5.0, 1.0, 0.0))?;
-/// let (mut twist, mut now, dt) = (Twist2::ZERO, Stamp::default(), 0.05);
+/// // A room of 8 m by 6 m.
+/// let layout = GridLayout::new(160, 120, 0.05, Se2::default())?;
+/// let is_wall = |c: Cell| c.x % 159 == 0 || c.y % 119 == 0;
+/// let state = |i| if is_wall(layout.cell(i)) { CellState::Occupied } else { CellState::Free };
+/// let map = Grid::new(layout, (0..layout.len()).map(state).collect())?;
+///
+/// let field = LikelihoodField::new(&map, LikelihoodFieldParams::default())?;
+/// let sensor = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default())?;
+/// let motion = DifferentialOdometryModel::new(OdometryNoise::default())?;
+/// let mcl = Mcl::new(motion, sensor, FreeSpace::new(&map)?, MclParams::default(), Seed(7))?;
+/// let costmap = Inflation::new(InflationParams::default())?.inflate(&map)?;
+/// let (astar, tracker) = (AStar::new(AStarParams::default())?, PurePursuit::new(PurePursuitParams::default())?);
+/// let limits = TwistLimits::default();
+/// let mut navigator = Navigator::new(Box::new(mcl), Box::new(astar), Box::new(tracker), costmap, limits)?;
+///
+/// let (start, goal, dt) = (Se2::new(2.0, 2.0, 0.0), Se2::new(6.0, 4.0, 0.0), 0.05);
+/// assert!(navigator.go_to(&goal).is_err(), "nobody knows yet where the vehicle is");
+/// navigator.start(&PoseBelief::around(start, Matrix3::identity() * 0.01))?;
+/// navigator.go_to(&goal)?;
+///
+/// let vehicle = Vehicle::new(VehicleParams::default(), start, Seed(1))?;
+/// let laser = Laser::new(LaserParams::default(), Seed(2))?;
+/// let mut robot = Simulator2d::new(GridWorld::new(&map), vehicle, Body::circle(0.2)?, laser, dt)?;
+/// let mut twist = Twist2::ZERO;
 /// let arrived = (0..1000).any(|_| {
-///     // The caller's vehicle and sensors; here an ideal one.
-///     let motion = OdometryIncrement::between(now, &Se2::identity(), now + dt, &twist.integrate(dt)).unwrap();
-///     now = now + dt;
-///     let step = navigator.cycle(&motion, None, twist, dt).unwrap();
-///     let command = step.command.unwrap(); // there is a goal
+///     let seen = robot.step(&twist).unwrap();
+///     let step = navigator.cycle(&seen.odometry, seen.scan, twist, dt).unwrap();
+///     let command = step.command.unwrap();
 ///     twist = command.twist;
 ///     command.status == TrackStatus::Arrived
 /// });
-/// assert!(arrived);
-/// # Ok::<(), agv_nav::Error>(())
+/// let error = robot.vehicle().map_from_base().translation() - goal.translation();
+/// assert!(arrived && error.norm() < 0.2);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 pub struct Navigator {
     localizer: Box<dyn Correct<LaserScan, Pose = Se2> + Send>,
