@@ -86,7 +86,8 @@ fn insert_naively(values: &mut [i32], layout: &GridLayout, scan: &LaserScan, pos
 
 fn insert_scan(criterion: &mut Criterion) {
     let scans = scans();
-    let model = InverseModelParams { protect_hits: false, ..Default::default() };
+    // The evidence that the naive loop adds.
+    let model = InverseModelParams { p_hit: 0.7, p_miss: 0.4, protect_hits: false, ..Default::default() };
     let mut group = criterion.benchmark_group("insert_scan");
     group.throughput(Throughput::Elements(nominal_cells(&scans) / scans.len() as u64));
 
