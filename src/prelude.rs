@@ -11,6 +11,6 @@ pub use agv_core::{
         Controller, Correct, GlobalPlanner, LidarOdometry, LocalPlanRequest, LocalPlanner, Localizer, PathTracker,
         PlanOutcome, PoseBelief, PoseEstimate, Registration, ScanMatcher, TrackStatus, UpdateOutcome, VehicleState,
     },
-    sensors::{LaserScan, PointCloud, ScanGeometry},
+    sensors::{LaserScan, PointCloud, ScanGeometry, SensorId},
     time::Stamp,
 };

@@ -4,7 +4,7 @@ use crate::table::{assert_kept, assert_refused, restored};
 use agv_nav::core::{
     geometry::{Se2, Se3, So3},
     nalgebra::Vector3,
-    sensors::{LaserScan, PointCloud, ScanGeometry},
+    sensors::{LaserScan, PointCloud, ScanGeometry, SensorId},
     time::Stamp,
 };
 use serde_json::json;
@@ -17,14 +17,16 @@ fn bits(values: &[f32]) -> Vec<u32> {
 }
 
 fn scan() -> LaserScan {
-    let geometry = ScanGeometry { base_from_sensor: Se2::new(0.3, 0.1, 0.7), ..Default::default() };
+    let mount = Se2::new(0.3, 0.1, 0.7);
+    let geometry = ScanGeometry { sensor: SensorId(3), base_from_sensor: mount, ..Default::default() };
     LaserScan::new(Stamp::from_nanoseconds(1_700_000_000_123_456_789), geometry, READINGS.to_vec()).unwrap()
 }
 
 fn cloud() -> PointCloud {
     let mount = Se3::from_parts(Vector3::new(0.1, 0.2, 1.3), So3::from_roll_pitch_yaw(0.1, 0.2, 0.3));
     let [x, y, z] = [1, 2, 3].map(|shift| READINGS.iter().cycle().skip(shift).take(9).copied().collect());
-    PointCloud::new(x, y, z).unwrap().with_mount(mount).unwrap().with_stamp(Stamp::from_nanoseconds(-7))
+    let cloud = PointCloud::new(x, y, z).unwrap().with_mount(mount).unwrap();
+    cloud.with_stamp(Stamp::from_nanoseconds(-7)).with_sensor(SensorId(2))
 }
 
 #[test]
@@ -48,7 +50,7 @@ fn clouds_come_back() {
         assert_eq!(after.intensity().map(bits), before.intensity().map(bits));
         assert_eq!(after.time().map(bits), before.time().map(bits));
         assert_eq!((after.ring(), after.stamp()), (before.ring(), before.stamp()));
-        assert_eq!(after.base_from_sensor(), before.base_from_sensor());
+        assert_eq!((after.base_from_sensor(), after.sensor()), (before.base_from_sensor(), before.sensor()));
     }
 }
 

@@ -1,15 +1,21 @@
 //! What a filter asks of every observation, whatever its kind.
 
-use super::{LaserScan, PointCloud};
+use super::{LaserScan, PointCloud, SensorId};
 use crate::time::Stamp;
 
-/// An observation as a filter sees it from outside: when it was taken.
+/// An observation as a filter sees it from outside: when it was taken, and by which sensor.
 ///
-/// Kinds that do not know are an `impl Observation for Heading {}`.
+/// Two observations of one kind that agree in both are the same one, delivered twice; stamps of one sensor do not
+/// decrease, those of two sensors may. Kinds that know neither are an `impl Observation for Heading {}`.
 pub trait Observation {
     /// The time that it refers to; none if it does not know.
     fn stamp(&self) -> Option<Stamp> {
         None
+    }
+
+    /// The sensor whose stream it belongs to; the default one if there is only one of the kind.
+    fn sensor(&self) -> SensorId {
+        SensorId::default()
     }
 }
 
@@ -20,10 +26,18 @@ impl Observation for LaserScan {
     fn stamp(&self) -> Option<Stamp> {
         Some(self.stamp())
     }
+
+    fn sensor(&self) -> SensorId {
+        self.sensor()
+    }
 }
 
 impl Observation for PointCloud {
     fn stamp(&self) -> Option<Stamp> {
         Some(self.stamp())
+    }
+
+    fn sensor(&self) -> SensorId {
+        self.sensor()
     }
 }
