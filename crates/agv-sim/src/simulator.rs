@@ -91,7 +91,7 @@ impl<W: PlanarWorld> Simulator2d<W> {
         self.steps += 1;
         self.moving.states_into(self.vehicle.now().seconds(), &mut self.obstacles);
         let world = Populated { world: &self.world, obstacles: &self.obstacles };
-        let truth = VehicleState { map_from_base: self.vehicle.map_from_base(), twist: self.vehicle.twist() };
+        let truth = VehicleState::new(self.vehicle.map_from_base(), self.vehicle.twist());
         let contact = world.touches(&self.body, &truth.map_from_base);
         let due = self.scan_every > 0 && self.steps.is_multiple_of(self.scan_every);
         let scan = if due {

@@ -99,25 +99,25 @@ pub fn local_planner(
     let nothing = Path::new();
     ensure(ROLE, "an empty path is refused", player.command(LocalPlanRequest { path: &nothing, ..request }).is_err())?;
 
-    let Ok(mut obstacles) = lethal(request.costmap, footprint) else {
+    let Ok(mut obstacles) = lethal(request.map.costmap(), footprint) else {
         return ensure(ROLE, "the case is a sound one: its costmap can be checked", false);
     };
     let mut state = request.state;
     // Ten times as long as the path takes at full speed, and a minute for turning and braking.
-    let cycles = ((10.0 * request.path.length() / request.limits.forward_speed.max(0.01) + 60.0) / request.dt).ceil();
+    let cycles =
+        ((10.0 * request.path.length() / request.limits.twist.forward_speed.max(0.01) + 60.0) / request.dt).ceil();
     for _ in 0..cycles as usize {
         let Ok(command) = player.command(LocalPlanRequest { state, ..request }) else {
             return ensure(ROLE, "a good request is taken", false);
         };
-        let within = request.limits.allows_step(&state.twist, &command.twist, request.dt);
+        let within = request.limits.allows_step(&state.motion(), &command.motion, request.dt);
         ensure(ROLE, "a command respects every limit", within)?;
         ensure(
             ROLE,
             "the vehicle touches nothing",
-            !sweeps(&mut obstacles, &state.map_from_base, &command.twist, request.dt),
+            !sweeps(&mut obstacles, &state.map_from_base, &command.motion.twist, request.dt),
         )?;
-        state.twist = command.twist;
-        state.map_from_base = state.map_from_base.compose(&command.twist.integrate(request.dt));
+        state = state.after(&command.motion, request.dt);
         match command.status {
             LocalPlanStatus::Arrived => {
                 let at_end = request.path.points().last().is_some_and(|end| {
@@ -159,8 +159,8 @@ mod tests {
     use super::*;
     use crate::{
         check,
-        grid::{Cell, GridLayout},
-        kinematics::TwistLimits,
+        grid::{Cell, GridLayout, LocalMap, LocalMapParams},
+        kinematics::MotionLimits,
         roles::{BlockReason, LocalCommand, LocalPlanError},
     };
     use nalgebra::Vector2;
@@ -182,8 +182,9 @@ mod tests {
             }
             let rest = end.x() - request.state.map_from_base.x();
             let (wish, status) = if rest < 0.3 { (0.0, LocalPlanStatus::Arrived) } else { (self.speed, self.says) };
-            let twist = request.limits.step(&request.state.twist, &Twist2::new(wish, 0.0, 0.0), request.dt)?;
-            Ok(LocalCommand { twist, status })
+            let wish = Twist2::new(wish, 0.0, 0.0).into();
+            let motion = request.limits.step(&request.state.motion(), &wish, request.dt)?;
+            Ok(LocalCommand { motion, status })
         }
     }
 
@@ -196,9 +197,10 @@ mod tests {
             }
             let costmap = Costmap::from_map(&map);
             let path = Path::from_positions(&[Vector2::new(1.0, 2.0), Vector2::new(8.0, 2.0)]).unwrap();
-            let state = VehicleState { map_from_base: Se2::new(1.0, 2.0, 0.0), twist: Twist2::ZERO };
-            let limits = &TwistLimits::default();
-            let request = LocalPlanRequest { state, path: &path, costmap: &costmap, obstacles: &[], limits, dt: 0.1 };
+            let state = VehicleState::new(Se2::new(1.0, 2.0, 0.0), Twist2::ZERO);
+            let limits = &MotionLimits::default();
+            let map = &LocalMap::new(&costmap, LocalMapParams::default()).unwrap();
+            let request = LocalPlanRequest { state, path: &path, map, obstacles: &[], limits, dt: 0.1 };
             let footprint = Footprint::circle(0.3).unwrap();
             local_planner(&mut Straight { speed, says }, request, &footprint, 0.4).map_err(|violation| violation.law)
         };
