@@ -4,7 +4,7 @@ use agv_control::track::{PidTracker, PidTrackerParams, PurePursuit, PurePursuitP
 use agv_core::{
     compute::Seed,
     geometry::{Se2, Twist2},
-    kinematics::TwistLimits,
+    kinematics::{MotionLimits, TwistLimits},
     nalgebra::Vector2,
     path::{Gear, Path, PathPoint},
     roles::{PathTracker, TrackStatus, VehicleState, laws},
@@ -35,7 +35,7 @@ fn eight() -> Path {
 
 #[test]
 fn trackers_obey_the_laws_of_their_role() {
-    let limits = TwistLimits::default();
+    let limits = MotionLimits::default();
     for path in [path(&[(0.0, 0.0), (5.0, 0.0)]), path(&[(0.0, 0.0), (3.0, 0.0), (3.0, 3.0), (0.0, 3.0)]), eight()] {
         for (name, mut tracker) in trackers() {
             laws::path_tracker(tracker.as_mut(), &path, &limits, 0.05, 0.02)
@@ -48,14 +48,11 @@ fn trackers_obey_the_laws_of_their_role() {
 fn a_vehicle_that_faces_away_turns_first() {
     for (name, mut tracker) in trackers() {
         tracker.set_path(&path(&[(0.0, 0.0), (4.0, 0.0)])).unwrap();
-        let mut state = VehicleState { map_from_base: Se2::new(0.0, 0.0, 3.0), twist: Twist2::ZERO };
+        let mut state = VehicleState::new(Se2::new(0.0, 0.0, 3.0), Twist2::ZERO);
         let mut farthest: f64 = 0.0;
         let arrived = (0..2000).any(|_| {
-            let command = tracker.command(&state, &TwistLimits::default(), 0.05).unwrap();
-            state = VehicleState {
-                map_from_base: state.map_from_base * command.twist.integrate(0.05),
-                twist: command.twist,
-            };
+            let command = tracker.command(&state, &MotionLimits::default(), 0.05).unwrap();
+            state = state.after(&command.motion, 0.05);
             farthest = farthest.max(state.map_from_base.y().abs());
             command.status == TrackStatus::Arrived
         });
@@ -68,10 +65,10 @@ fn a_vehicle_beside_the_end_has_not_arrived() {
     for (name, mut tracker) in trackers() {
         for (x, y) in [(9.0, 0.0), (4.0, 0.5), (4.5, 0.0)] {
             tracker.set_path(&path(&[(0.0, 0.0), (3.0, 0.0), (4.0, 0.0)])).unwrap();
-            let state = VehicleState { map_from_base: Se2::new(x, y, 0.0), twist: Twist2::ZERO };
+            let state = VehicleState::new(Se2::new(x, y, 0.0), Twist2::ZERO);
             // The progress is searched a little ahead only: as many calls as it takes to come to the end.
             let statuses: Vec<_> =
-                (0..20).map(|_| tracker.command(&state, &TwistLimits::default(), 0.05).unwrap().status).collect();
+                (0..20).map(|_| tracker.command(&state, &MotionLimits::default(), 0.05).unwrap().status).collect();
             assert!(statuses.iter().all(|s| *s != TrackStatus::Arrived), "{name} at ({x}, {y}): {statuses:?}");
             assert_eq!(statuses.last(), Some(&TrackStatus::OffPath), "{name} at ({x}, {y})");
         }
@@ -89,12 +86,9 @@ fn a_cusp_is_driven_in_both_gears() {
         let mut state = VehicleState::default();
         let mut reversed = false;
         let arrived = (0..2000).any(|_| {
-            let command = tracker.command(&state, &TwistLimits::default(), 0.05).unwrap();
-            state = VehicleState {
-                map_from_base: state.map_from_base * command.twist.integrate(0.05),
-                twist: command.twist,
-            };
-            reversed |= command.twist.vx < -0.1;
+            let command = tracker.command(&state, &MotionLimits::default(), 0.05).unwrap();
+            state = state.after(&command.motion, 0.05);
+            reversed |= command.motion.twist.vx < -0.1;
             command.status == TrackStatus::Arrived
         });
         let end = state.map_from_base;
@@ -106,7 +100,7 @@ fn a_cusp_is_driven_in_both_gears() {
 #[test]
 fn trackers_hold_the_path_against_noise_and_lag() {
     let (dt, lag, slip) = (0.02, 0.15, 1.03);
-    let limits = TwistLimits { yaw_rate: 2.0, yaw_acceleration: 4.0, ..TwistLimits::default() };
+    let limits = MotionLimits::from(TwistLimits { yaw_rate: 2.0, yaw_acceleration: 4.0, ..TwistLimits::default() });
     let (position_noise, yaw_noise) =
         (Normal::new(0.0, 0.01).unwrap(), Normal::new(0.0, 0.5_f64.to_radians()).unwrap());
     for seed in 0..5 {
@@ -123,10 +117,9 @@ fn trackers_hold_the_path_against_noise_and_lag() {
                     pose.y() + position_noise.sample(&mut noise),
                     pose.yaw() + yaw_noise.sample(&mut noise),
                 );
-                let reply =
-                    tracker.command(&VehicleState { map_from_base: measured, twist: command }, &limits, dt).unwrap();
+                let reply = tracker.command(&VehicleState::new(measured, command), &limits, dt).unwrap();
                 assert_ne!(reply.status, TrackStatus::OffPath, "{name} {reply:?} {pose:?} {seed}");
-                command = reply.twist;
+                command = reply.motion.twist;
                 let blend = 1.0 - (-dt / lag).exp();
                 twist.vx += (command.vx - twist.vx) * blend;
                 twist.yaw_rate += (command.yaw_rate - twist.yaw_rate) * blend;

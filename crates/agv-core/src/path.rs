@@ -1,6 +1,9 @@
 //! Paths: the poses that a planner hands to a tracker.
 
-use crate::{Error, geometry::Se2};
+use crate::{
+    Error,
+    geometry::{LieGroup, Se2},
+};
 use nalgebra::Vector2;
 
 /// Which way a vehicle drives along a stretch of path.
@@ -60,6 +63,9 @@ impl TryFrom<RawPath> for Path {
         Ok(Self { points: raw.points })
     }
 }
+
+/// Difference of headings, in radians, that is no turn but rounding.
+const SAME_HEADING: f64 = 1e-6;
 
 fn check_point(point: &PathPoint) -> Result<(), Error> {
     let pose = point.pose;
@@ -140,11 +146,14 @@ impl Path {
     }
 
     /// Whether the point of this index is reached by a turn on the spot: it has the position of the one before, and another
-    /// heading.
+    /// heading (by more than a microradian).
     pub fn is_turn(&self, index: usize) -> bool {
         let pose = |i: usize| self.points.get(i).map(|point| point.pose);
         let pair = index.checked_sub(1).and_then(pose).zip(pose(index));
-        pair.is_some_and(|(a, b)| a.translation() == b.translation() && a.rotation() != b.rotation())
+        pair.is_some_and(|(a, b)| {
+            let turn = a.rotation().inverse().compose(&b.rotation()).angle();
+            a.translation() == b.translation() && turn.abs() > SAME_HEADING
+        })
     }
 
     /// Removes all points, keeping the memory.
