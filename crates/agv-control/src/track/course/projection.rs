@@ -45,7 +45,7 @@ impl Course {
             }
             let to_end = norm(across, along - (end - begin));
             let next = end + (to_end - best.0).max(0.0);
-            if segment + 1 >= section.last || next > limit {
+            if segment + 1 >= section.last {
                 break;
             }
             let following = self.segment_at(next).max(segment + 1);
