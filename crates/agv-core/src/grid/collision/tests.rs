@@ -1,7 +1,7 @@
 use super::*;
 use crate::{
-    geometry::{LieGroup, Twist2},
-    grid::{Cell, GridLayout, footprint::edges},
+    geometry::{LieGroup, Twist2, outline::edges},
+    grid::{Cell, GridLayout},
 };
 use nalgebra::Vector2;
 use proptest::prelude::*;
@@ -20,6 +20,8 @@ fn any_footprint() -> impl Strategy<Value = Footprint> {
     let triangle = [(-0.1, 0.0), (0.5, -0.03), (0.5, 0.03)];
     prop_oneof![
         (0.01..0.6_f64).prop_map(|r| Footprint::circle(r).unwrap()),
+        (0.05..0.4_f64, 0.05..0.3_f64).prop_map(|(x, r)| Footprint::two_circles(x, r, -0.1, 0.8 * r).unwrap()),
+        Just(Footprint::segment(Vector2::new(-0.2, 0.1), Vector2::new(0.4, -0.05)).unwrap()),
         (0.02..0.6_f64, 0.02..0.5_f64).prop_map(|(l, w)| Footprint::rectangle(-0.3 * l, l, w).unwrap()),
         Just(Footprint::polygon(l_shape.map(|(x, y)| Vector2::new(x, y)).into()).unwrap()),
         Just(Footprint::polygon(triangle.map(|(x, y)| Vector2::new(x, y)).into()).unwrap()),
