@@ -10,6 +10,7 @@ use agv_core::{
     roles::{PathTracker, TrackStatus, VehicleState, laws},
 };
 use rand_distr::{Distribution, Normal};
+use std::f64::consts::FRAC_PI_2;
 
 fn trackers() -> [(&'static str, Box<dyn PathTracker>); 2] {
     [
@@ -33,14 +34,56 @@ fn eight() -> Path {
     path(&points)
 }
 
+/// A path that every vehicle can drive: an S of two quarter circles of 2 m radius between lines.
+fn gentle() -> Path {
+    let mut points: Vec<(f64, f64)> = vec![(-1.0, 0.0)];
+    points.extend((0..=40).map(|i| f64::from(i) / 40.0 * FRAC_PI_2).map(|t| (2.0 * t.sin(), 2.0 - 2.0 * t.cos())));
+    points
+        .extend((1..=40).map(|i| f64::from(i) / 40.0 * FRAC_PI_2).map(|t| (4.0 - 2.0 * t.cos(), 2.0 + 2.0 * t.sin())));
+    points.push((6.0, 4.0));
+    path(&points)
+}
+
 #[test]
 fn trackers_obey_the_laws_of_their_role() {
-    let limits = MotionLimits::default();
-    for path in [path(&[(0.0, 0.0), (5.0, 0.0)]), path(&[(0.0, 0.0), (3.0, 0.0), (3.0, 3.0), (0.0, 3.0)]), eight()] {
-        for (name, mut tracker) in trackers() {
-            laws::path_tracker(tracker.as_mut(), &path, &limits, 0.05, 0.02)
-                .unwrap_or_else(|error| panic!("{name}: {error}"));
+    let sharp = path(&[(0.0, 0.0), (3.0, 0.0), (3.0, 3.0), (0.0, 3.0)]);
+    let mut turned = path(&[(0.0, 0.0), (2.0, 0.0)]);
+    turned.push_turn(FRAC_PI_2).unwrap();
+    turned.push(PathPoint { pose: Se2::new(2.0, 1.5, FRAC_PI_2), gear: Gear::Forward }).unwrap();
+    turned.push_turn(-2.0).unwrap();
+    for (vehicle, limits) in laws::vehicles() {
+        let steers = !limits.turns_on_the_spot();
+        for path in [path(&[(0.0, 0.0), (5.0, 0.0)]), gentle(), eight(), sharp.clone(), turned.clone()] {
+            // Corners and turns on the spot are beyond a vehicle that steers.
+            if steers && (path == sharp || path == turned || path.len() > 600) {
+                continue;
+            }
+            let (tolerance, heading_tolerance) = if steers { (0.05, 0.05) } else { (0.02, 0.02) };
+            for (name, mut tracker) in trackers() {
+                laws::path_tracker(tracker.as_mut(), &path, &limits, 0.05, tolerance, heading_tolerance)
+                    .unwrap_or_else(|error| panic!("{name}, {vehicle}, {} points: {error}", path.len()));
+            }
         }
+    }
+}
+
+#[test]
+fn a_vehicle_that_cannot_turn_on_the_spot_says_so() {
+    let mut path = path(&[(0.0, 0.0), (2.0, 0.0)]);
+    path.push_turn(1.0).unwrap();
+    let (_, limits) = laws::vehicles()[1];
+    for (name, mut tracker) in trackers() {
+        tracker.set_path(&path).unwrap();
+        let mut state = VehicleState { steering: Some(0.0), ..VehicleState::default() };
+        let mut status = TrackStatus::Tracking;
+        for _ in 0..300 {
+            let command = tracker.command(&state, &limits, 0.05).unwrap();
+            assert!(limits.allows_step(&state.motion(), &command.motion, 0.05), "{name}");
+            assert_ne!(command.status, TrackStatus::Arrived, "{name}");
+            (state, status) = (state.after(&command.motion, 0.05), command.status);
+        }
+        assert_eq!((status, state.twist), (TrackStatus::OffPath, Twist2::ZERO), "{name}");
+        assert!((state.map_from_base.x() - 2.0).abs() < 0.03, "{name}");
     }
 }
 

@@ -76,7 +76,10 @@ fn is_traversable(costmap: &Costmap, path: &Path) -> bool {
 }
 
 /// Checks a local planner on a request of a vehicle that touches nothing lethal: an ideal vehicle with that `footprint`
-/// never does so on its way, and it arrives within `tolerance` metres of the path's end or says that it is blocked.
+/// never does so on its way, keeps all limits at once, and comes to rest within `tolerance` metres of the path's end and
+/// `heading_tolerance` radians (π for any) of its last heading, or says that it is blocked.
+///
+/// [`vehicles`](super::vehicles) has limits to try it with.
 ///
 /// # Errors
 /// The first law that was broken.
@@ -85,6 +88,7 @@ pub fn local_planner(
     request: LocalPlanRequest<'_>,
     footprint: &Footprint,
     tolerance: f64,
+    heading_tolerance: f64,
 ) -> Result<(), LawViolation> {
     const ROLE: &str = "LocalPlanner";
     for value in NOT_FINITE {
@@ -119,11 +123,13 @@ pub fn local_planner(
         )?;
         state = state.after(&command.motion, request.dt);
         match command.status {
-            LocalPlanStatus::Arrived => {
-                let at_end = request.path.points().last().is_some_and(|end| {
-                    (end.pose.translation() - state.map_from_base.translation()).norm() <= tolerance
-                });
-                return ensure(ROLE, "a vehicle that arrived is at the end of the path", at_end);
+            LocalPlanStatus::Arrived if state.twist == Twist2::ZERO => {
+                let end = request.path.points().last().map_or(state.map_from_base, |end| end.pose);
+                let end_from_base = end.inverse().compose(&state.map_from_base);
+                let at_end = end_from_base.translation().norm() <= tolerance;
+                ensure(ROLE, "a vehicle that arrived is at the end of the path", at_end)?;
+                let headed = end_from_base.yaw().abs() <= heading_tolerance;
+                return ensure(ROLE, "a vehicle that arrived has the heading of the end", headed);
             }
             LocalPlanStatus::Blocked(_) if state.twist == Twist2::ZERO => return Ok(()),
             LocalPlanStatus::InCollision => {
@@ -132,7 +138,7 @@ pub fn local_planner(
             _ => {}
         }
     }
-    ensure(ROLE, "the vehicle arrives, or stands and says that it is blocked", false)
+    ensure(ROLE, "the vehicle arrives and comes to rest, or stands and says that it is blocked", false)
 }
 
 /// A checker of one vehicle against the lethal cells of a costmap.
@@ -202,14 +208,20 @@ mod tests {
             let map = &LocalMap::new(&costmap, LocalMapParams::default()).unwrap();
             let request = LocalPlanRequest { state, path: &path, map, obstacles: &[], limits, dt: 0.1 };
             let footprint = Footprint::circle(0.3).unwrap();
-            local_planner(&mut Straight { speed, says }, request, &footprint, 0.4).map_err(|violation| violation.law)
+            local_planner(&mut Straight { speed, says }, request, &footprint, 0.4, 0.1)
+                .map_err(|violation| violation.law)
         };
         assert_eq!(verdict(false, 0.5, LocalPlanStatus::Following), Ok(()));
         assert_eq!(verdict(true, 0.0, BLOCKED), Ok(()));
         for (wall, speed, says, law) in [
             (true, 0.5, LocalPlanStatus::Following, "the vehicle touches nothing"),
             (true, 0.5, BLOCKED, "the vehicle touches nothing"),
-            (false, 0.0, LocalPlanStatus::Following, "the vehicle arrives, or stands and says that it is blocked"),
+            (
+                false,
+                0.0,
+                LocalPlanStatus::Following,
+                "the vehicle arrives and comes to rest, or stands and says that it is blocked",
+            ),
             (false, 0.0, LocalPlanStatus::Arrived, "a vehicle that arrived is at the end of the path"),
             (false, 0.0, LocalPlanStatus::InCollision, "a vehicle that touches nothing is in no collision"),
         ] {
