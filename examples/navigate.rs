@@ -15,7 +15,7 @@
 //! yours, mapped from the same drive or from `--map-log`, or in a given `--map`.
 
 use agv_nav::{
-    control::track::{Course, PurePursuit, PurePursuitParams},
+    control::track::{Course, FollowerParams, PurePursuit, PurePursuitParams},
     core::{
         geometry::wrap_angle,
         grid::{
@@ -256,7 +256,7 @@ fn drive(args: &Args, map: &Grid<CellState>, start: Se2, recorded: &Recording, r
         Box::new(Straightened::new(astar, key_nodes)),
         Box::new(PurePursuit::new(PurePursuitParams::default())?),
         costmap,
-        limits,
+        limits.into(),
     )?;
     navigator.start(&PoseBelief::around(start, Matrix3::identity() * 1e-4))?;
     let mut plan = Timings::default();
@@ -272,16 +272,16 @@ fn drive(args: &Args, map: &Grid<CellState>, start: Se2, recorded: &Recording, r
     )?
     .with_laser(Laser::new(laser, seed.derive(2))?, 2)?;
 
-    let mut course = Course::default();
+    let mut course = Course::new(FollowerParams::default().bend_window);
     course.set(navigator.path())?;
     let mut drive = Drive { path: navigator.path().clone(), track: Track::default(), cross_track: Vec::new() };
-    let (mut command, mut cycles, mut arrived, mut contacts) = (Twist2::ZERO, Timings::default(), false, 0);
+    let (mut command, mut cycles, mut arrived, mut contacts) = (Motion::REST, Timings::default(), false, 0);
     let cycles_at_most = (20.0 * drive.path.length() / limits.forward_speed / dt) as usize;
     for cycle in 1..=cycles_at_most {
-        let seen = simulator.step(&command)?;
+        let seen = simulator.step(&command.twist)?;
         let step = cycles.time(|| navigator.cycle(&seen.odometry, seen.scan(), command, dt))?;
         let track = step.command.ok_or("the navigator has no path")?;
-        command = track.twist;
+        command = track.motion;
         contacts += usize::from(seen.contact);
         let truth = seen.truth.map_from_base;
         drive.track.push(cycle as f64 * dt, step.estimate.map_from_base, truth);

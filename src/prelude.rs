@@ -3,8 +3,8 @@
 pub use agv_core::{
     compute::{Par, Seed},
     geometry::{LieGroup, Se2, Se3, So2, So3, Twist2, Twist3},
-    grid::{Cell, CellState, Costmap, Grid, GridLayout},
-    kinematics::TwistLimits,
+    grid::{Cell, CellState, Costmap, Grid, GridLayout, LocalMap},
+    kinematics::{Motion, MotionLimits, TwistLimits},
     odometry::{MotionIncrement, OdometryIncrement},
     path::Path,
     roles::{

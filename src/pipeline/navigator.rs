@@ -8,9 +8,9 @@
 
 use crate::Error;
 use agv_core::{
-    geometry::{Se2, Twist2},
+    geometry::Se2,
     grid::Costmap,
-    kinematics::TwistLimits,
+    kinematics::{Motion, MotionLimits},
     odometry::OdometryIncrement,
     path::Path,
     roles::{
@@ -50,7 +50,7 @@ pub struct NavigationStep {
 /// let mcl = Mcl::new(motion, sensor, FreeSpace::new(&map)?, MclParams::default(), Seed(7))?;
 /// let costmap = Inflation::new(InflationParams::default())?.inflate(&map)?;
 /// let (astar, tracker) = (AStar::new(AStarParams::default())?, PurePursuit::new(PurePursuitParams::default())?);
-/// let limits = TwistLimits::default();
+/// let limits = MotionLimits::default();
 /// let mut navigator = Navigator::new(Box::new(mcl), Box::new(astar), Box::new(tracker), costmap, limits)?;
 ///
 /// let (start, goal, dt) = (Se2::new(2.0, 2.0, 0.0), Se2::new(6.0, 4.0, 0.0), 0.05);
@@ -61,12 +61,12 @@ pub struct NavigationStep {
 /// let vehicle = Vehicle::new(VehicleParams::default(), start, Seed(1))?;
 /// let laser = Laser::new(LaserParams::default(), Seed(2))?;
 /// let mut robot = Simulator2d::new(GridWorld::new(&map), vehicle, Body::circle(0.2)?, dt)?.with_laser(laser, 1)?;
-/// let mut twist = Twist2::ZERO;
+/// let mut motion = Motion::REST;
 /// let arrived = (0..1000).any(|_| {
-///     let seen = robot.step(&twist).unwrap();
-///     let step = navigator.cycle(&seen.odometry, seen.scan(), twist, dt).unwrap();
+///     let seen = robot.step(&motion.twist).unwrap();
+///     let step = navigator.cycle(&seen.odometry, seen.scan(), motion, dt).unwrap();
 ///     let command = step.command.unwrap();
-///     twist = command.twist;
+///     motion = command.motion;
 ///     command.status == TrackStatus::Arrived
 /// });
 /// let error = robot.vehicle().map_from_base().translation() - goal.translation();
@@ -78,7 +78,7 @@ pub struct Navigator {
     planner: Box<dyn GlobalPlanner + Send>,
     tracker: Box<dyn PathTracker + Send>,
     costmap: Costmap,
-    limits: TwistLimits,
+    limits: MotionLimits,
     path: Path,
 }
 
@@ -92,7 +92,7 @@ impl Navigator {
         planner: Box<dyn GlobalPlanner + Send>,
         tracker: Box<dyn PathTracker + Send>,
         costmap: Costmap,
-        limits: TwistLimits,
+        limits: MotionLimits,
     ) -> Result<Self, Error> {
         limits.validate()?;
         Ok(Self { localizer, planner, tracker, costmap, limits, path: Path::new() })
@@ -130,7 +130,7 @@ impl Navigator {
 
     /// Takes what the sensors say of the last `dt` seconds and returns what to drive for the next.
     ///
-    /// `twist` is the velocity now, in the base frame.
+    /// `motion` is the velocity now, in the base frame, and the steering angle of a vehicle that steers.
     ///
     /// # Errors
     /// What the localizer or the tracker refuses.
@@ -138,13 +138,14 @@ impl Navigator {
         &mut self,
         odometry: &OdometryIncrement,
         scan: Option<&LaserScan>,
-        twist: Twist2,
+        motion: Motion,
         dt: f64,
     ) -> Result<NavigationStep, Error> {
         self.localizer.predict(odometry)?;
         let correction = scan.map(|scan| self.localizer.update(scan)).transpose()?;
         let estimate = self.localizer.estimate();
-        let state = VehicleState { map_from_base: estimate.map_from_base, twist };
+        let Motion { twist, steering } = motion;
+        let state = VehicleState { map_from_base: estimate.map_from_base, twist, steering };
         // Without a path there is nothing to track, and the localizer has moved already.
         let command = match self.tracker.command(&state, &self.limits, dt) {
             Err(TrackError::NoPath) => None,

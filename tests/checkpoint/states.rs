@@ -101,7 +101,10 @@ fn values_between_the_parts_come_back() {
     assert_kept("PoseBelief", &PoseBelief::around(pose, covariance));
     assert_kept("PoseBelief", &PoseBelief::<Se2>::Anywhere);
     assert_kept("OdometryIncrement", &increment(0.1));
-    assert_kept("VehicleState", &VehicleState { map_from_base: pose, twist: Twist2::new(0.1, 0.2, 0.3) });
+    assert_kept(
+        "VehicleState",
+        &VehicleState { steering: Some(0.4), ..VehicleState::new(pose, Twist2::new(0.1, 0.2, 0.3)) },
+    );
     let corner = [(0.1, 0.2), (0.7, 0.2), (0.7, 0.9)].map(|(x, y)| Vector2::new(x, y));
     let path = Path::from_positions(&corner).unwrap();
     assert_kept("Path", &path);

@@ -9,6 +9,7 @@ mod angle;
 mod covariance;
 mod group;
 mod mean;
+pub(crate) mod outline;
 mod se2;
 mod se3;
 mod series;
