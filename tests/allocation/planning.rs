@@ -8,7 +8,9 @@ use agv_nav::core::{
     roles::{GlobalPlanner, PlanOutcome},
 };
 use agv_nav::plan::{
-    grid::{AStar, AStarParams, Components, Connectivity, Dijkstra, DijkstraParams, GridParams, GridSpace, Potential},
+    grid::{
+        AStar, AStarParams, Components, Connectivity, Dijkstra, GridParams, GridPlannerParams, GridSpace, Potential,
+    },
     smooth::{KeyNodes, KeyNodesParams},
 };
 
@@ -35,7 +37,7 @@ fn grid_planners() {
     for grid in grids() {
         let planners: [Box<dyn GlobalPlanner>; 2] = [
             Box::new(AStar::new(AStarParams { grid, ..Default::default() }).unwrap()),
-            Box::new(Dijkstra::new(DijkstraParams { grid, ..Default::default() }).unwrap()),
+            Box::new(Dijkstra::new(GridPlannerParams { grid, ..Default::default() }).unwrap()),
         ];
         for mut planner in planners {
             let mut path = Path::new();

@@ -6,8 +6,8 @@ use agv_core::path::Path;
 use agv_core::roles::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome};
 use agv_plan::Error;
 use agv_plan::grid::{
-    AStar, AStarParams, Connectivity, Dijkstra, DijkstraParams, GridHeuristic, GridParams, GridSpace, Limits, Octile,
-    Offset, SearchEnd, UnknownCells, Workspace,
+    AStar, AStarParams, Connectivity, Dijkstra, GridHeuristic, GridParams, GridPlannerParams, GridSpace, Limits,
+    Octile, Offset, SearchEnd, UnknownCells, Workspace,
 };
 
 /// A room of 40 x 30 cells of 0.1 m, parted by a wall of column 20.
@@ -100,7 +100,7 @@ fn a_budget_ends_with_the_best_path_so_far() {
 fn a_callback_cancels() {
     let layout = GridLayout::new(300, 300, 0.1, Se2::default()).unwrap();
     let costmap = Costmap::from_costs(Grid::filled(layout, cost::FREE));
-    let mut planner = Dijkstra::new(DijkstraParams::default()).unwrap();
+    let mut planner = Dijkstra::new(GridPlannerParams::default()).unwrap();
     let (start, goal, mut path) = (Se2::new(15.0, 15.0, 0.0), Se2::new(29.0, 29.0, 0.0), Path::new());
     let mut asked = 0;
     let mut cancel = || {
@@ -142,7 +142,7 @@ fn bad_parameters_are_refused() {
     for bad in [-1.0, f64::NAN, f64::INFINITY] {
         assert!(AStar::new(AStarParams { start_tolerance: bad, ..Default::default() }).is_err());
         assert!(AStar::new(AStarParams { goal_tolerance: bad, ..Default::default() }).is_err());
-        assert!(Dijkstra::new(DijkstraParams { goal_tolerance: bad, ..Default::default() }).is_err());
+        assert!(Dijkstra::new(GridPlannerParams { goal_tolerance: bad, ..Default::default() }).is_err());
     }
     for cost_weight in [-0.1, 50.1, f64::NAN, f64::INFINITY] {
         assert!(GridSpace::new(GridParams { cost_weight, ..Default::default() }).is_err());

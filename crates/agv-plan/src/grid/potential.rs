@@ -2,7 +2,8 @@
 
 use super::{
     heuristic::{Heuristic, Zero},
-    search::{Limits, Workspace},
+    limits::Limits,
+    search::Workspace,
     space::GridSpace,
     step::{STRAIGHT, Step},
 };

@@ -59,8 +59,8 @@ pub(super) fn nearest_node(space: &GridSpace, pose: &Se2, tolerance: f64, accept
 /// Writes the way as a path: the start pose, the cells' centres, each heading to the next, and the goal pose.
 ///
 /// Start and goal pose stand for the centres of their own cells where the line to the next centre provably stays in free
-/// cells: along a straight step always, along a diagonal one if no corner may be cut. `reaches_goal` says that the way
-/// ends in the goal pose's cell; otherwise the path ends at the last centre, with the goal's heading.
+/// cells: along a row or column of cells always, along a diagonal step if no corner may be cut. The path ends with the goal
+/// pose if the way ends in its cell, otherwise at the last centre with the goal's heading.
 pub(super) fn write_path(
     space: &GridSpace,
     layout: &GridLayout,
@@ -73,7 +73,10 @@ pub(super) fn write_path(
     let node_at = |pose: &Se2| layout.cell_at(&pose.translation()).and_then(|cell| space.node(cell));
     let never_cuts = space.params().corner_rule == CornerRule::Never;
     let may_skip = |pair: Option<&[u32]>| match pair {
-        Some(&[a, b]) => never_cuts || !step_between(space, a, b).is_diagonal(),
+        Some(&[a, b]) => {
+            let (dx, dy) = offset_between(space, a, b);
+            dx == 0 || dy == 0 || (never_cuts && dx.abs() == 1 && dy.abs() == 1)
+        }
         _ => true,
     };
     let skip_first = node_at(start) == Some(first) && may_skip(way.get(..2));
@@ -93,8 +96,13 @@ pub(super) fn write_path(
             // The last centre before the goal pose looks at the pose itself.
             Some(_) if i + 2 == way.len() && skip_last => looking_at(center, &goal.translation(), goal),
             Some(&next) => {
-                let heading = headings.get(step_between(space, node, next).index());
-                Se2::from_parts(center, heading.copied().unwrap_or_default())
+                let (dx, dy) = offset_between(space, node, next);
+                let known = headings.get(Step::towards(dx, dy).index());
+                let heading = match known.filter(|_| dx == 0 || dy == 0 || dx.abs() == dy.abs()) {
+                    Some(&along_step) => along_step,
+                    None => yaw * So2::from_direction(f64::from(dx), f64::from(dy)),
+                };
+                Se2::from_parts(center, heading)
             }
             None if reaches_goal => looking_at(center, &goal.translation(), goal),
             None => Se2::from_parts(center, goal.rotation()),
@@ -114,7 +122,7 @@ fn looking_at(from: Vector2<f64>, to: &Vector2<f64>, fallback: &Se2) -> Se2 {
     Se2::from_parts(from, heading)
 }
 
-fn step_between(space: &GridSpace, a: u32, b: u32) -> Step {
+fn offset_between(space: &GridSpace, a: u32, b: u32) -> (i32, i32) {
     let (a, b) = (space.cell(a), space.cell(b));
-    Step::towards(b.x - a.x, b.y - a.y)
+    (b.x - a.x, b.y - a.y)
 }
