@@ -121,7 +121,7 @@ impl BidirectionalSolver {
                 pause = limits.next_pause(result.expansions);
             }
             // In turn: neither half waits for a wide room around the other's end.
-            let is_forward = result.expansions % 2 == 0;
+            let is_forward = result.expansions.is_multiple_of(2);
             let (one, other) =
                 if is_forward { (&mut self.forward, &self.backward) } else { (&mut self.backward, &self.forward) };
             let watched = Watched { space, other, best: &best };

@@ -48,6 +48,7 @@ pub struct BucketQueue {
     free: u32,
     /// Least key that may come up next.
     cursor: u32,
+    /// Whether a key was popped: the window begins at the first of them.
     started: bool,
     /// Entries whose keys lay beyond the window when they came.
     beyond: HeapQueue,
@@ -118,9 +119,8 @@ impl OpenList for BucketQueue {
     #[inline]
     fn push(&mut self, key: u32, entry: Entry) {
         if !self.started {
-            // The first key of a search may lie anywhere.
-            self.cursor = key;
-            self.started = true;
+            // Where a search begins its keys may lie anywhere: the least of them is known when it is asked for.
+            return self.beyond.push(key, entry);
         }
         let buckets = self.heads.len();
         let ahead = key.saturating_sub(self.cursor) as usize;
@@ -156,6 +156,7 @@ impl OpenList for BucketQueue {
         {
             // No bucket holds a lesser key, so all of them stay within the window of this one.
             self.cursor = key;
+            self.started = true;
             return self.beyond.pop();
         }
         let bucket = bucket?;
@@ -264,6 +265,17 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn the_first_keys_may_come_in_any_order() {
+        let (mut queue, keys) = (BucketQueue::default(), [5000, 70, 1_000_000, 3, 71]);
+        queue.reset(100, 4);
+        for key in keys {
+            queue.push(key, Entry { node: key, cost: 0 });
+        }
+        let mut popped = std::iter::from_fn(|| queue.pop().map(|(key, entry)| (key, entry.node)));
+        assert!([3, 70, 71, 5000, 1_000_000].into_iter().all(|key| popped.next() == Some((key, key))));
     }
 
     #[test]
