@@ -77,6 +77,6 @@ table! {
     filters::particle::OdometryNoise,
     ndt::convert::CloudToScanParams,
     plan::grid::AStarParams,
-    plan::grid::DijkstraParams,
+    plan::grid::GridPlannerParams,
     plan::smooth::KeyNodesParams,
 }
