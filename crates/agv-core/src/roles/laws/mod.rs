@@ -22,7 +22,7 @@ mod matching;
 mod planners;
 
 pub use control::{controller, path_tracker};
-pub use localizer::{correct, localizer};
+pub use localizer::{correct, localizer, two_sensors};
 pub use matching::{lidar_odometry, registration, scan_matcher};
 pub use planners::{global_planner, local_planner};
 
