@@ -67,7 +67,7 @@ fn potential_and_components() {
             space.update(costmap);
             let goal = space.node(Cell::new(150, 90)).unwrap();
             potential.compute(&space, goal).unwrap();
-            components.compute(&space);
+            space.components_into(&mut components);
             assert!(potential.distance(space.node(Cell::new(12, 12)).unwrap()).is_some());
         };
         costmaps.iter().for_each(&mut run);

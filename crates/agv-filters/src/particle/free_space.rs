@@ -3,7 +3,7 @@
 use agv_core::{
     Error,
     geometry::Se2,
-    grid::{Cell, CellState, Grid, GridLayout},
+    grid::{Cell, CellState, Components, Connectivity, CornerRule, Grid, GridLayout},
 };
 use nalgebra::Vector2;
 use rand::{Rng, RngExt};
@@ -50,11 +50,10 @@ impl FreeSpace {
     /// [`Error::OutsideGrid`] if the point is not in a free cell of the map.
     pub fn connected_to(map: &Grid<CellState>, point: &Vector2<f64>) -> Result<Self, Error> {
         let outside = Error::OutsideGrid { x: point.x, y: point.y };
-        let cell = map.layout().cell_at(point).filter(|&cell| map.get(cell) == Some(&CellState::Free));
-        let start = cell.and_then(|cell| map.layout().index(cell)).ok_or(outside)?;
-        let mut area = vec![0; map.layout().len()];
-        flood(map, start, 1, &mut area);
-        Self::keep(map, |index| area[index] == 1)
+        let cell = map.layout().cell_at(point).ok_or(outside)?;
+        let components = components(map);
+        let label = components.label(cell).ok_or(outside)?;
+        Self::keep(map, |index| components.label_at(index) == Some(label))
     }
 
     /// The largest connected area of free cells.
@@ -62,18 +61,9 @@ impl FreeSpace {
     /// # Errors
     /// [`Error::Empty`] if no cell is free.
     pub fn largest(map: &Grid<CellState>) -> Result<Self, Error> {
-        let mut area = vec![0; map.layout().len()];
-        let (mut best, mut most, mut next) = (0, 0, 1);
-        for start in 0..area.len() {
-            if area[start] == 0 && map.values()[start] == CellState::Free {
-                let count = flood(map, start, next, &mut area);
-                if count > most {
-                    (best, most) = (next, count);
-                }
-                next += 1;
-            }
-        }
-        Self::keep(map, |index| best > 0 && area[index] == best)
+        let components = components(map);
+        let largest = components.largest();
+        Self::keep(map, |index| largest.is_some() && components.label_at(index) == largest)
     }
 
     fn keep(map: &Grid<CellState>, is_kept: impl Fn(usize) -> bool) -> Result<Self, Error> {
@@ -107,26 +97,12 @@ impl FreeSpace {
     }
 }
 
-/// Marks the free cells connected with `start` by `mark`, and counts them.
-fn flood(map: &Grid<CellState>, start: usize, mark: u32, area: &mut [u32]) -> usize {
-    let layout = map.layout();
-    let mut open = vec![start];
-    area[start] = mark;
-    let mut count = 0;
-    while let Some(index) = open.pop() {
-        count += 1;
-        let Cell { x, y } = layout.cell(index);
-        for neighbour in [Cell::new(x + 1, y), Cell::new(x - 1, y), Cell::new(x, y + 1), Cell::new(x, y - 1)] {
-            if let Some(next) = layout.index(neighbour)
-                && area[next] == 0
-                && map.values()[next] == CellState::Free
-            {
-                area[next] = mark;
-                open.push(next);
-            }
-        }
-    }
-    count
+/// The free cells by what is connected over edges.
+fn components(map: &Grid<CellState>) -> Components {
+    let mut components = Components::default();
+    let free = |index: usize| map.values().get(index) == Some(&CellState::Free);
+    components.compute(map.layout(), (Connectivity::Four, CornerRule::Never), free);
+    components
 }
 
 #[cfg(test)]

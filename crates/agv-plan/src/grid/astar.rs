@@ -2,7 +2,6 @@
 
 use super::{
     heuristic::{Euclidean, Heuristic, Manhattan, Octile, Offset, Zero},
-    masks::Connectivity,
     query::{Tolerances, endpoints, nearest_node, write_path},
     search::{Limits, SearchEnd, SearchResult, Workspace},
     space::{GridParams, GridSpace},
@@ -12,7 +11,7 @@ use crate::Error;
 use agv_core::{
     check,
     geometry::Se2,
-    grid::{Costmap, GridLayout},
+    grid::{Connectivity, Costmap, GridLayout},
     path::Path,
     roles::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome},
 };
@@ -168,7 +167,7 @@ impl AStar {
             SearchEnd::Goal { node, .. } => (node, None),
             SearchEnd::Exhausted => {
                 let reached = |node| self.workspace.cost(node).is_some();
-                match nearest_node(&layout, poses.1, tolerances.goal, reached) {
+                match nearest_node(&self.space, poses.1, tolerances.goal, reached) {
                     Some(node) => (node, None),
                     None => return Ok(PlanOutcome::NoPath { reason: NoPathReason::Disconnected, expansions }),
                 }

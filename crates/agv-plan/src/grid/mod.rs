@@ -45,11 +45,10 @@ mod search;
 mod space;
 mod step;
 
+pub use agv_core::grid::{Components, Connectivity, CornerRule};
 pub use astar::{AStar, AStarParams, GridHeuristic};
-pub use components::Components;
 pub use dijkstra::{Dijkstra, DijkstraParams};
 pub use heuristic::{Euclidean, Heuristic, Manhattan, Octile, Offset, Zero};
-pub use masks::{Connectivity, CornerRule};
 pub use potential::Potential;
 pub use queue::{BucketQueue, Entry, HeapQueue, OpenList};
 pub use search::{Limits, SearchEnd, SearchResult, SearchSpace, Workspace};

@@ -1,10 +1,10 @@
 //! From poses to nodes and back: what all planners on grids share.
 
-use super::{masks::CornerRule, space::GridSpace, step::Step};
+use super::{space::GridSpace, step::Step};
 use agv_core::{
     Error, check,
     geometry::{Se2, So2},
-    grid::{Cell, GridLayout},
+    grid::{Cell, CornerRule, GridLayout},
     path::{Gear, Path, PathPoint},
     roles::{NoPathReason, PlanError},
 };
@@ -39,7 +39,7 @@ pub(super) fn endpoints(
     let goal_cell = layout.cell_at(&goal.translation()).ok_or(PlanError::GoalOutside { x: goal.x(), y: goal.y() })?;
     let nearest = |pose: &Se2, cell: Cell, tolerance: f64| match space.node(cell) {
         Some(node) if space.is_passable(node) => Some(node),
-        _ => nearest_node(layout, pose, tolerance, |node| space.is_passable(node)),
+        _ => nearest_node(space, pose, tolerance, |node| space.is_passable(node)),
     };
     let Some(start) = nearest(start, start_cell, tolerances.start) else {
         return Ok(Err(NoPathReason::StartBlocked));
@@ -48,35 +48,12 @@ pub(super) fn endpoints(
     Ok(Ok(Endpoints { start, goal }))
 }
 
-/// Node whose cell's centre lies nearest to the pose, among those within `tolerance` that `accept` takes. Time grows with
-/// the tolerance's square in cells.
-pub(super) fn nearest_node(
-    layout: &GridLayout,
-    pose: &Se2,
-    tolerance: f64,
-    accept: impl Fn(u32) -> bool,
-) -> Option<u32> {
-    if tolerance <= 0.0 {
-        return None;
-    }
-    let center = layout.to_grid(&pose.translation());
-    let reach = tolerance / layout.resolution();
-    let span = |middle: f64, len: usize| {
-        let last = len as f64 - 1.0;
-        ((middle - reach).floor().clamp(0.0, last) as i32)..=((middle + reach).floor().clamp(0.0, last) as i32)
-    };
-    let mut best: Option<(f64, u32)> = None;
-    for y in span(center.y, layout.height()) {
-        for x in span(center.x, layout.width()) {
-            let offset = Vector2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - center;
-            let squared = offset.norm_squared();
-            let Some(node) = layout.index(Cell::new(x, y)).map(|index| index as u32) else { continue };
-            if squared <= reach * reach && best.is_none_or(|(least, _)| squared < least) && accept(node) {
-                best = Some((squared, node));
-            }
-        }
-    }
-    best.map(|(_, node)| node)
+/// Node whose cell's centre lies nearest to the pose, among those within `tolerance` that `accept` takes; none for a
+/// tolerance of zero.
+pub(super) fn nearest_node(space: &GridSpace, pose: &Se2, tolerance: f64, accept: impl Fn(u32) -> bool) -> Option<u32> {
+    let layout = space.layout().filter(|_| tolerance > 0.0)?;
+    let accepts = |cell| space.node(cell).is_some_and(&accept);
+    layout.nearest_cell(&pose.translation(), tolerance, accepts).and_then(|cell| space.node(cell))
 }
 
 /// Writes the way as a path: the start pose, the cells' centres, each heading to the next, and the goal pose.

@@ -1,14 +1,14 @@
 //! A costmap as a graph: cells that may be entered, joined to their neighbours.
 
 use super::{
-    masks::{Connectivity, CornerRule, Pruning, row_masks},
+    masks::{Pruning, row_masks},
     search::SearchSpace,
     step::{DIAGONAL, STRAIGHT, Step},
 };
 use crate::Error;
 use agv_core::{
     check,
-    grid::{Cell, Costmap, GridLayout, cost},
+    grid::{Cell, Connectivity, CornerRule, Costmap, GridLayout, cost},
 };
 
 /// What a planner makes of cells that nobody has observed.
