@@ -81,16 +81,18 @@ pub struct StatusParams {
 }
 
 impl Default for StatusParams {
-    /// 0.3 m and 0.2 rad, within which planners for aisles can still work; three times that is a metre. Half of the beams
-    /// explained, lost below 0.3: on the Intel log, with people about, the mean share over five updates stays above
-    /// both where the pose is right. Five updates are a metre of travel at the usual update distance of 0.2 m.
+    /// 0.3 m and 0.2 rad, within which planners for aisles can still work; three times that is a metre.
+    ///
+    /// Of the beams of the Intel log, 0.98 end within 0.2 m of what the map shows if the pose is right (0.83 in the worst
+    /// hundredth of the scans), 0.39 if it is off by half a metre and 0.25 anywhere else: 0.6 and 0.4 lie between, with room for
+    /// people and pallets. Five updates are a metre of travel at the usual update distance of 0.2 m.
     fn default() -> Self {
         Self {
             narrow_position: 0.3,
             narrow_rotation: 0.2,
             widening: 3.0,
-            explained: 0.5,
-            unexplained: 0.3,
+            explained: 0.6,
+            unexplained: 0.4,
             smoothing: 0.2,
             confirmations: 3,
         }
@@ -139,7 +141,7 @@ impl StatusParams {
 /// # Ok::<(), agv_core::Error>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "RawMonitor"))]
 pub struct StatusMonitor {
     params: StatusParams,
     status: LocalizationStatus,
@@ -147,6 +149,30 @@ pub struct StatusMonitor {
     applied: u64,
     /// Mean share of explained readings over the last updates.
     share: Option<f64>,
+}
+
+/// A [`StatusMonitor`] as it is stored, before it is checked.
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+struct RawMonitor {
+    params: StatusParams,
+    status: LocalizationStatus,
+    applied: u64,
+    share: Option<f64>,
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<RawMonitor> for StatusMonitor {
+    type Error = Error;
+
+    fn try_from(raw: RawMonitor) -> Result<Self, Error> {
+        let RawMonitor { params, status, applied, share } = raw;
+        params.validate()?;
+        if let Some(share) = share {
+            check::in_range("share", share, 0.0, 1.0)?;
+        }
+        Ok(Self { params, status, applied, share })
+    }
 }
 
 impl StatusMonitor {
@@ -202,6 +228,7 @@ impl StatusMonitor {
         // The mean of a belief that is still spread over a building explains nothing and says nothing.
         let is_open = matches!(self.status, LocalizationStatus::Converging { .. }) && !self.is_within(estimate, 1.0);
         if let Some(explained) = explained.filter(|share| !is_open && share.is_finite()) {
+            let explained = explained.clamp(0.0, 1.0);
             let mean = self.share.unwrap_or(explained);
             self.share = Some(mean + self.params.smoothing * (explained - mean));
         }
@@ -278,14 +305,14 @@ mod tests {
         let mut monitor = tracking();
         see(&mut monitor, 0.1, 10);
         assert!(
-            matches!(monitor.status(), LocalizationStatus::Lost { doubt: Doubt::Unexplained { share } } if share < 0.3)
+            matches!(monitor.status(), LocalizationStatus::Lost { doubt: Doubt::Unexplained { share } } if share < 0.4)
         );
         // Between the two thresholds nothing changes.
-        see(&mut monitor, 0.4, 30);
+        see(&mut monitor, 0.5, 30);
         assert!(matches!(monitor.status(), LocalizationStatus::Lost { .. }));
         see(&mut monitor, 0.8, 5);
         assert_eq!(monitor.status(), LocalizationStatus::Tracking);
-        see(&mut monitor, 0.4, 30);
+        see(&mut monitor, 0.5, 30);
         assert_eq!(monitor.status(), LocalizationStatus::Tracking);
     }
 
@@ -333,7 +360,7 @@ mod tests {
             ("narrow_rotation", StatusParams { narrow_rotation: f64::NAN, ..good }),
             ("widening", StatusParams { widening: 0.9, ..good }),
             ("explained", StatusParams { explained: 1.1, ..good }),
-            ("unexplained", StatusParams { unexplained: 0.6, ..good }),
+            ("unexplained", StatusParams { unexplained: 0.7, ..good }),
             ("smoothing", StatusParams { smoothing: 0.0, ..good }),
         ] {
             assert!(StatusMonitor::new(bad).unwrap_err().to_string().starts_with(name), "{name}");
