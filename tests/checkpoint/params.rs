@@ -75,6 +75,7 @@ table! {
     filters::particle::LikelihoodFieldModelParams,
     filters::particle::MclParams,
     filters::particle::OdometryNoise,
+    core::roles::StatusParams,
     ndt::convert::CloudToScanParams,
     plan::grid::AStarParams,
     plan::grid::GridPlannerParams,

@@ -74,6 +74,8 @@ pub(super) mod sealed {
 pub trait LieGroup: Copy + Debug + PartialEq + Default + Send + Sync + sealed::Sealed + 'static {
     /// Degrees of freedom.
     const DOF: usize;
+    /// How many of them are translations: the first entries of a tangent.
+    const TRANSLATION_DOF: usize;
     /// Vector of `DOF` entries, translation first.
     type Tangent: Copy
         + Debug

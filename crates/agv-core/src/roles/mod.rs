@@ -15,6 +15,7 @@ mod controller;
 mod global_planner;
 pub mod laws;
 mod local_planner;
+mod localization_status;
 mod localizer;
 mod registration;
 mod scan_matcher;
@@ -25,6 +26,7 @@ pub use global_planner::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome};
 pub use local_planner::{
     BlockReason, LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner, VehicleState,
 };
+pub use localization_status::{Doubt, LocalizationStatus, StatusMonitor, StatusParams};
 pub use localizer::{
     Correct, LocalizationError, Localizer, PoseBelief, PoseEstimate, SkipReason, UpdateOutcome, UpdateReport,
 };

@@ -15,6 +15,15 @@ pub trait Observation {
         None
     }
 
+    /// A name for the kind of observation, the same for all of them and unlike those of other kinds. Together with
+    /// [`sensor`](Self::sensor) it says which stream an observation belongs to.
+    ///
+    /// By default the name of the type as the compiler writes it; a kind whose name is to outlive a compiler or a renaming,
+    /// in checkpoints, states its own.
+    fn kind(&self) -> &'static str {
+        std::any::type_name::<Self>()
+    }
+
     /// The sensor whose stream it belongs to; the default one if there is only one of the kind.
     fn sensor(&self) -> SensorId {
         SensorId::default()
@@ -22,7 +31,11 @@ pub trait Observation {
 }
 
 /// An observation whose content the sensor model knows: that a door opened, that a fence was not crossed.
-impl Observation for () {}
+impl Observation for () {
+    fn kind(&self) -> &'static str {
+        "nothing"
+    }
+}
 
 /// What one sensor saw at one time; empty if it saw nothing, which is at no known time.
 impl<T: Observation> Observation for [T] {
@@ -36,6 +49,10 @@ impl<T: Observation> Observation for [T] {
 }
 
 impl Observation for LaserScan {
+    fn kind(&self) -> &'static str {
+        "laser scan"
+    }
+
     fn stamp(&self) -> Option<Stamp> {
         Some(self.stamp())
     }
@@ -46,6 +63,10 @@ impl Observation for LaserScan {
 }
 
 impl Observation for PointCloud {
+    fn kind(&self) -> &'static str {
+        "point cloud"
+    }
+
     fn stamp(&self) -> Option<Stamp> {
         Some(self.stamp())
     }
