@@ -102,8 +102,8 @@ impl Vehicle {
 
     /// Drives for `dt` seconds under a command and returns what the odometry says of it.
     ///
-    /// The covariance of the increment is zero: its noise is that of [`OdometryErrors`], for the consumer's motion
-    /// model to state.
+    /// The covariance of the increment is zero: its noise is that of [`OdometryErrors`](crate::OdometryErrors), for the
+    /// consumer's motion model to state.
     ///
     /// # Errors
     /// A command that is not finite, or a `dt` that is not finite and positive; the vehicle is then as it was.
