@@ -7,6 +7,7 @@ use agv_nav::core::{
     nalgebra::{Vector1, Vector2, Vector3},
     solve::{
         BandedCholesky, BandedMatrix, LeastSquares, LevenbergMarquardt, LevenbergMarquardtParams, NormalEquations,
+        QuadraticParams, QuadraticSolver, QuadraticVectors,
     },
     time::Stamp,
 };
@@ -59,6 +60,40 @@ fn banded_cholesky() {
         run(0.0);
         assert_eq!(counter::count(|| (1..10).for_each(|shift| run(f64::from(shift)))), 0);
     }
+}
+
+#[test]
+fn quadratic_programme() {
+    // A chain of ten unknowns, pulled further than its limits let it go.
+    let (mut hessian, mut rows) = ([0.0; 100], [0.0; 50]);
+    for i in 0..10 {
+        hessian[11 * i] = 2.5;
+        if i > 0 {
+            hessian[11 * i - 1] = -1.0;
+        }
+        rows[5 * i] = 1.0;
+    }
+    let mut solver = QuadraticSolver::new(10, 5, QuadraticParams::default()).unwrap();
+    let (mut iterations, mut gradient) = (0, [0.0; 10]);
+    // From the very first call.
+    let count = counter::count(|| {
+        for pull in [1.0, -3.0, 8.0, 2.0] {
+            (0..10).for_each(|i| gradient[i] = pull * (i as f64 - 4.0));
+            solver.set_matrices(&hessian, &rows).unwrap();
+            let vectors = QuadraticVectors {
+                gradient: &gradient,
+                lower: &[-1.0; 10],
+                upper: &[1.0; 10],
+                row_lower: &[-0.5; 5],
+                row_upper: &[0.5; 5],
+            };
+            let outcome = solver.solve(&vectors).unwrap();
+            assert!(outcome.solved(), "{outcome:?}");
+            iterations += outcome.iterations;
+        }
+    });
+    assert_eq!(count, 0);
+    assert!(iterations > 10, "{iterations}");
 }
 
 /// The pose from which landmarks are seen where they are.

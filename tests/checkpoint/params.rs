@@ -68,6 +68,7 @@ table! {
     core::sensors::ScanGeometry,
     core::sensors::TriangulationParams,
     core::solve::LevenbergMarquardtParams,
+    core::solve::QuadraticParams,
     control::pid::PidParams,
     control::track::FollowerParams,
     control::track::PidTrackerParams,

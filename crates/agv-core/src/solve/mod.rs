@@ -2,8 +2,12 @@
 
 mod banded;
 mod levenberg_marquardt;
+mod qp;
 
 pub use banded::{BandedCholesky, BandedMatrix};
 pub use levenberg_marquardt::{
     LeastSquares, LeastSquaresTermination, LevenbergMarquardt, LevenbergMarquardtParams, Minimum, NormalEquations,
+};
+pub use qp::{
+    Bound, Constraint, QuadraticOutcome, QuadraticParams, QuadraticSolver, QuadraticStatus, QuadraticVectors,
 };
