@@ -3,6 +3,7 @@
 mod banded;
 mod levenberg_marquardt;
 mod qp;
+mod robust;
 
 pub use banded::{BandedCholesky, BandedMatrix};
 pub use levenberg_marquardt::{
@@ -11,3 +12,4 @@ pub use levenberg_marquardt::{
 pub use qp::{
     Bound, Constraint, QuadraticOutcome, QuadraticParams, QuadraticSolver, QuadraticStatus, QuadraticVectors,
 };
+pub use robust::RobustKernel;
