@@ -69,6 +69,7 @@ table! {
     core::sensors::TriangulationParams,
     core::solve::LevenbergMarquardtParams,
     core::solve::QuadraticParams,
+    core::solve::RobustKernel,
     control::pid::PidParams,
     control::track::FollowerParams,
     control::track::PidTrackerParams,
