@@ -47,6 +47,7 @@ macro_rules! table {
 
 table! {
     core::frames::FrameTreeParams,
+    core::geometry::PoseSigma,
     core::grid::CollisionParams,
     core::grid::DistanceParams,
     core::grid::GaussianParams,
