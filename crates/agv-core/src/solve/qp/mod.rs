@@ -27,7 +27,9 @@
 //!   is 10 to 90 dense unknowns. A banded interior point method pays off beyond that.
 //!
 //! The price: before its end the method has no feasible point. At the iteration limit the answer is that of a problem with
-//! fewer limits, and says so.
+//! fewer limits, and says so. And like any exact solver it turns a problem down whose limits contradict each other: give
+//! limits of predicted states that a disturbance may break (the distance to a path, say) an unknown of their own that
+//! widens them at a cost, and leave those of the inputs hard.
 //!
 //! A Hessian that is only semi-definite (linear costs, inputs without weight) is solved by proximal steps, `H + P` with a
 //! small diagonal `P` and `g - P x` of the last step (Rockafellar 1976): the same factor serves all of them.
