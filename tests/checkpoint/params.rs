@@ -47,6 +47,7 @@ macro_rules! table {
 
 table! {
     core::frames::FrameTreeParams,
+    core::geometry::PoseSigma,
     core::grid::CollisionParams,
     core::grid::DistanceParams,
     core::grid::GaussianParams,
@@ -69,6 +70,8 @@ table! {
     core::sensors::ScanGeometry,
     core::sensors::TriangulationParams,
     core::solve::LevenbergMarquardtParams,
+    core::solve::QuadraticParams,
+    core::solve::RobustKernel,
     control::pid::PidParams,
     control::track::FollowerParams,
     control::track::PidTrackerParams,
