@@ -8,7 +8,7 @@ use super::{
     Cell, CellState, Grid, GridLayout, InverseModel, InverseModelParams, OccupancyThresholds, ScanInsertion,
     beam_walk::Block,
     inverse_model::{MIN_PROBABILITY, QUANTUM, log_odds, probability},
-    scan_insertion::{CellUpdate, ProjectedScan, insert},
+    scan_insertion::{CellUpdate, InsertionScratch, ProjectedScan, insert},
 };
 use crate::{
     Error,
@@ -64,7 +64,7 @@ pub struct EvidenceGrid {
     /// No cell's magnitude exceeds this; what makes sure that nothing overflows, without a test per update.
     bound: i64,
     scan: ProjectedScan,
-    kept: Vec<(usize, i32)>,
+    scratch: InsertionScratch<i32>,
 }
 
 #[cfg(feature = "serde")]
@@ -131,13 +131,18 @@ impl CellUpdate for Add {
     type Value = i32;
 
     #[inline]
-    fn free(self, value: i32, by: i32) -> i32 {
-        value.wrapping_add(by)
+    fn free(self, value: i32, by: i16) -> i32 {
+        value.wrapping_add(i32::from(by))
     }
 
     #[inline]
-    fn hit(self, value: i32, by: i32) -> i32 {
-        value.wrapping_add(by)
+    fn free_times(self, value: i32, count: i16, by: i16) -> i32 {
+        value.wrapping_add(i32::from(count) * i32::from(by))
+    }
+
+    #[inline]
+    fn hit(self, value: i32, by: i16) -> i32 {
+        value.wrapping_add(i32::from(by))
     }
 }
 
@@ -172,7 +177,7 @@ impl EvidenceGrid {
             model,
             bound: 0,
             scan: ProjectedScan::default(),
-            kept: Vec::new(),
+            scratch: InsertionScratch::default(),
         }
     }
 
@@ -247,7 +252,7 @@ impl EvidenceGrid {
         let bound = self.bound_after(most)?;
         let grown = self.grow(low, high)?;
         self.bound = bound;
-        let done = insert(&mut self.values, self.block, self.corner, &self.scan, &self.model, &mut self.kept, Add);
+        let done = insert(&mut self.values, self.block, self.corner, &self.scan, &self.model, &mut self.scratch, Add);
         Ok(ScanInsertion { grown, ..done })
     }
 

@@ -9,7 +9,7 @@ use super::{
     ScanInsertion,
     beam_walk::Block,
     inverse_model::{MIN_PROBABILITY, QUANTUM, log_odds, probability, quantize},
-    scan_insertion::{CellUpdate, ProjectedScan, insert},
+    scan_insertion::{CellUpdate, InsertionScratch, ProjectedScan, insert},
 };
 use crate::{Error, check, geometry::Se2, sensors::LaserScan};
 
@@ -73,7 +73,7 @@ pub struct OccupancyGrid {
     /// Time that has passed and is not yet worth a step of decay, in seconds.
     pending: f64,
     scan: ProjectedScan,
-    kept: Vec<(usize, i16)>,
+    scratch: InsertionScratch<i16>,
 }
 
 #[cfg(feature = "serde")]
@@ -118,6 +118,16 @@ impl PartialEq for OccupancyGrid {
 struct Clamp {
     min: i16,
     max: i16,
+    /// So much free evidence takes every cell to `min`: with more of it an `i16` might not hold the sum.
+    most: i16,
+}
+
+impl Clamp {
+    fn new(params: &OccupancyParams, model: &InverseModel) -> Self {
+        let (min, max) = (quantize(log_odds(params.p_min)), quantize(log_odds(params.p_max)));
+        let most = (max - min) / -model.free() + 1;
+        Self { min: min as i16, max: max as i16, most: most as i16 }
+    }
 }
 
 impl CellUpdate for Clamp {
@@ -126,6 +136,11 @@ impl CellUpdate for Clamp {
     #[inline]
     fn free(self, value: i16, by: i16) -> i16 {
         value.wrapping_add(by).max(self.min)
+    }
+
+    #[inline]
+    fn free_times(self, value: i16, count: i16, by: i16) -> i16 {
+        value.wrapping_add(count.min(self.most).wrapping_mul(by)).max(self.min)
     }
 
     #[inline]
@@ -150,9 +165,17 @@ impl OccupancyGrid {
         if let Some(half_life) = params.half_life {
             check::positive("half_life", half_life)?;
         }
-        let rule = Clamp { min: quantize(log_odds(params.p_min)) as i16, max: quantize(log_odds(params.p_max)) as i16 };
+        let rule = Clamp::new(&params, &model);
         let values = Grid::filled(layout, 0);
-        Ok(Self { params, model, rule, values, pending: 0.0, scan: ProjectedScan::default(), kept: Vec::new() })
+        Ok(Self {
+            params,
+            model,
+            rule,
+            values,
+            pending: 0.0,
+            scan: ProjectedScan::default(),
+            scratch: InsertionScratch::default(),
+        })
     }
 
     /// A live grid that starts from a map.
@@ -221,7 +244,7 @@ impl OccupancyGrid {
         self.scan.project(scan, map_from_base, &self.model, &layout.map_from_grid(), layout.resolution())?;
         let block = Block { width: layout.width() as i64, height: layout.height() as i64 };
         let values = self.values.values_mut();
-        Ok(insert(values, block, (0, 0), &self.scan, &self.model, &mut self.kept, self.rule))
+        Ok(insert(values, block, (0, 0), &self.scan, &self.model, &mut self.scratch, self.rule))
     }
 
     /// Lets `dt` seconds pass: every cell's log-odds decay towards unknown, by half in each half-life. Nothing happens
