@@ -16,7 +16,7 @@ mod rows;
 use super::{CellState, Grid, GridLayout};
 use crate::{Error, check, compute::Par};
 use columns::Columns;
-use rows::{Bands, Site};
+use rows::{Band, Bands, Scratch};
 
 /// Rows that are processed together. Fixed, so that the work is cut the same for any number of threads; small enough
 /// for a band of a wide map to stay in the second-level cache.
@@ -62,8 +62,7 @@ pub struct DistanceTransform {
     params: DistanceParams,
     par: Par,
     columns: Columns,
-    sites: Vec<Site>,
-    squared: Vec<i32>,
+    bands: Vec<Scratch>,
 }
 
 impl DistanceTransform {
@@ -151,13 +150,11 @@ impl DistanceTransform {
         }
         field.reshape(layout, nothing);
         self.columns.scan(map, self.par, self.params.least_obstacle());
-        let scratch = height.div_ceil(BAND) * width;
-        self.sites.resize(scratch, Site::default());
-        self.squared.resize(scratch, 0);
+        self.bands.resize_with(height.div_ceil(BAND), Scratch::default);
         let reach = self.reach(&layout);
-        let bands = Bands::new(width, field.values_mut(), &mut self.sites, &mut self.squared);
-        let columns = &self.columns;
-        self.par.for_each_chunk(bands, BAND, |band, part| part.run(band, columns, reach, nothing, &finish));
+        let bands = Bands::new(width, field.values_mut(), &mut self.bands);
+        let (columns, finish) = (&self.columns, &finish);
+        self.par.for_each_chunk(bands, BAND, |band, rows| Band { rows, band, columns, reach, nothing, finish }.run());
         Ok(())
     }
 }
