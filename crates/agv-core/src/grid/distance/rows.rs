@@ -7,7 +7,7 @@
 //! *Geometric applications of a matrix-searching algorithm*, 1987). The least columns of every [`BLOCK`]th cell are
 //! searched by halving, each between those of its neighbours and no farther off than its own `g`; the cells of a block
 //! then look at what lies between the least columns of its ends. Each level of the halving reads every column about once,
-//! in plain loops that vectorise: O(width · log(width / `BLOCK`)) with a small constant, at most 11 levels.
+//! in plain loops that vectorise: O(width · log(width / `BLOCK`)) with a small constant, at most ten levels.
 
 #![expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set found at run time")]
 
@@ -16,7 +16,7 @@ use crate::compute::Split;
 use pulp::{Arch, Simd, WithSimd};
 
 /// Cells that are evaluated together.
-const BLOCK: usize = 16;
+const BLOCK: usize = 32;
 
 /// Candidates that are compared together.
 const LANES: usize = 8;
@@ -126,13 +126,27 @@ impl Scratch {
     /// Collects the columns with `g <= reach`, and returns how many there are.
     #[inline(always)]
     fn collect(&mut self, reach: i32) -> usize {
+        let width = self.values.len();
+        let (columns, heights) = (&mut self.columns[..width + LANES], &mut self.heights[..width + LANES]);
+        let (blocks, rest) = self.values.as_chunks::<LANES>();
+        let (befores, befores_of_rest) = self.before.as_chunks_mut::<LANES>();
         let mut count = 0;
-        for (column, (&g, before)) in self.values.iter().zip(&mut self.before).enumerate() {
-            *before = count as i32;
-            self.columns[count] = column as i32;
-            self.heights[count] = g * g;
-            count += usize::from(g <= reach);
+        for (first, (g, before)) in (0..).step_by(LANES).zip(blocks.iter().zip(befores.iter_mut())) {
+            if g.iter().all(|&g| g <= reach) {
+                let (columns, heights) = (&mut columns[count..][..LANES], &mut heights[count..][..LANES]);
+                for lane in 0..LANES {
+                    before[lane] = (count + lane) as i32;
+                    columns[lane] = first + lane as i32;
+                    heights[lane] = g[lane] * g[lane];
+                }
+                count += LANES;
+            } else {
+                count = collect_some(first, g, reach, before, columns, heights, count);
+            }
         }
+        let first = (blocks.len() * LANES) as i32;
+        let before = befores.get_mut(blocks.len()).map_or(befores_of_rest, |block| &mut block[..]);
+        count = collect_some(first, rest, reach, before, columns, heights, count);
         self.before[self.values.len()] = count as i32;
         if count > 0 {
             let (column, height) = (self.columns[count - 1], self.heights[count - 1]);
@@ -195,17 +209,48 @@ impl Scratch {
     /// Writes the envelope's value in every column.
     #[inline(always)]
     fn evaluate(&mut self) {
-        let ends = self.least.windows(2);
-        for ((first, out), ends) in (0_i32..).step_by(BLOCK).zip(self.values.chunks_mut(BLOCK)).zip(ends) {
-            let range = ends[0] as usize..=ends[1] as usize;
-            let mut best = [i32::MAX; BLOCK];
-            for (&column, &height) in self.columns[range.clone()].iter().zip(&self.heights[range]) {
-                let way = first - column;
-                for (lane, best) in (0..).zip(&mut best) {
-                    *best = (*best).min((way + lane) * (way + lane) + height);
-                }
-            }
-            out.copy_from_slice(&best[..out.len()]);
+        let (columns, heights, least) = (&self.columns[..], &self.heights[..], &self.least[..]);
+        let (blocks, rest) = self.values.as_chunks_mut::<BLOCK>();
+        for ((first, block), ends) in (0_i32..).step_by(BLOCK).zip(blocks.iter_mut()).zip(least.windows(2)) {
+            *block = evaluate_block(first, columns, heights, ends[0], ends[1]);
+        }
+        if let (&[low, high], false) = (&least[blocks.len()..], rest.is_empty()) {
+            let block = evaluate_block((blocks.len() * BLOCK) as i32, columns, heights, low, high);
+            rest.copy_from_slice(&block[..rest.len()]);
         }
     }
+}
+
+/// Appends the columns from `first` on with `g <= reach` to the `count` that there are.
+#[inline(always)]
+fn collect_some(
+    first: i32,
+    distances: &[i32],
+    reach: i32,
+    before: &mut [i32],
+    columns: &mut [i32],
+    heights: &mut [i32],
+    mut count: usize,
+) -> usize {
+    for (column, (&g, before)) in (first..).zip(distances.iter().zip(before)) {
+        *before = count as i32;
+        columns[count] = column;
+        heights[count] = g.wrapping_mul(g);
+        count += usize::from(g <= reach);
+    }
+    count
+}
+
+/// The least of the parabolas from `low` to `high`, at the columns from `first` on.
+#[inline(always)]
+fn evaluate_block(first: i32, columns: &[i32], heights: &[i32], low: i32, high: i32) -> [i32; BLOCK] {
+    let range = low as usize..=high as usize;
+    let mut least = [i32::MAX; BLOCK];
+    for (&column, &height) in columns[range.clone()].iter().zip(&heights[range]) {
+        let way = first - column;
+        for (lane, least) in (0..).zip(&mut least) {
+            *least = (*least).min((way + lane) * (way + lane) + height);
+        }
+    }
+    least
 }
