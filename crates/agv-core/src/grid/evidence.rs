@@ -8,6 +8,7 @@ use super::{
     Cell, CellState, Grid, GridLayout, InverseModel, InverseModelParams, OccupancyThresholds, ScanInsertion,
     beam_walk::Block,
     inverse_model::{MIN_PROBABILITY, QUANTUM, log_odds, probability},
+    layout::ensure_same_lattice,
     scan_insertion::{CellUpdate, InsertionScratch, ProjectedScan, insert},
 };
 use crate::{
@@ -290,18 +291,7 @@ impl EvidenceGrid {
     }
 
     fn ensure_same_lattice(&self, other: &Self) -> Result<(), Error> {
-        let (a, b) = (self.map_from_lattice, other.map_from_lattice);
-        for (name, left, right) in [
-            ("resolution", self.resolution, other.resolution),
-            ("origin x", a.x(), b.x()),
-            ("origin y", a.y(), b.y()),
-            ("origin yaw", a.yaw(), b.yaw()),
-        ] {
-            if left != right {
-                return Err(Error::LayoutMismatch { name, left, right });
-            }
-        }
-        Ok(())
+        ensure_same_lattice((self.resolution, other.resolution), (&self.map_from_lattice, &other.map_from_lattice))
     }
 
     /// Greatest magnitude of any cell.

@@ -6,12 +6,17 @@
 
 use super::{
     Cell, CellState, EvidenceGrid, Grid, GridLayout, InverseModel, InverseModelParams, OccupancyThresholds,
-    ScanInsertion,
+    ScanInsertion, Traversal,
     beam_walk::Block,
     inverse_model::{MIN_PROBABILITY, QUANTUM, log_odds, probability, quantize},
     scan_insertion::{CellUpdate, InsertionScratch, ProjectedScan, insert},
 };
-use crate::{Error, check, geometry::Se2, sensors::LaserScan};
+use crate::{
+    Error, check,
+    geometry::{LieGroup, Se2},
+    sensors::LaserScan,
+};
+use nalgebra::Vector2;
 
 /// Parameters of [`OccupancyGrid`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -237,7 +242,7 @@ impl OccupancyGrid {
     /// Time is linear in the cells crossed; memory is allocated only if the scan has more beams than any before.
     ///
     /// # Errors
-    /// A pose that is not finite, or farther off than [`Traversal::MAX_COORDINATE`](super::Traversal::MAX_COORDINATE)
+    /// A pose that is not finite, or farther off than [`Traversal::MAX_COORDINATE`]
     /// cells; the grid is then as it was.
     pub fn insert_scan(&mut self, scan: &LaserScan, map_from_base: &Se2) -> Result<ScanInsertion, Error> {
         let layout = *self.values.layout();
@@ -245,6 +250,50 @@ impl OccupancyGrid {
         let block = Block { width: layout.width() as i64, height: layout.height() as i64 };
         let values = self.values.values_mut();
         Ok(insert(values, block, (0, 0), &self.scan, &self.model, &mut self.scratch, self.rule))
+    }
+
+    /// Moves the grid by whole cells until its middle cell holds the map point `center`, as a window that follows a
+    /// vehicle, and says whether it moved. What both windows cover is kept; what is new is unknown.
+    ///
+    /// Linear in the cells, in place.
+    ///
+    /// # Errors
+    /// A point that is not finite, or farther off than [`Traversal::MAX_COORDINATE`] cells; the grid is then as it was.
+    pub fn recenter(&mut self, center: &Vector2<f64>) -> Result<bool, Error> {
+        let layout = *self.values.layout();
+        let (point, far) = (layout.to_grid(center), Traversal::MAX_COORDINATE);
+        check::in_range("center x (cells)", point.x, -far, far)?;
+        check::in_range("center y (cells)", point.y, -far, far)?;
+        let (width, height) = (layout.width(), layout.height());
+        let right = point.x.floor() as isize - (width / 2) as isize;
+        let up = point.y.floor() as isize - (height / 2) as isize;
+        if (right, up) == (0, 0) {
+            return Ok(false);
+        }
+        let values = self.values.values_mut();
+        let (columns, rows) = (right.unsigned_abs(), up.unsigned_abs());
+        if columns >= width || rows >= height {
+            values.fill(0);
+        } else {
+            // One move of the whole block; what it wraps around the ends of rows is new, and cleared.
+            let distance = up * width as isize + right;
+            let (len, shift) = (values.len(), distance.unsigned_abs());
+            if distance > 0 {
+                values.copy_within(shift.., 0)
+            } else {
+                values.copy_within(..len - shift, shift)
+            }
+            let new_rows = if up > 0 { len - rows * width..len } else { 0..rows * width };
+            values[new_rows].fill(0);
+            let new_columns = if right > 0 { width - columns..width } else { 0..columns };
+            for row in values.chunks_exact_mut(width) {
+                row[new_columns.clone()].fill(0);
+            }
+        }
+        let corner = layout.to_map(&Vector2::new(right as f64, up as f64));
+        let map_from_grid = Se2::from_parts(corner, layout.map_from_grid().rotation());
+        self.values.reshape(GridLayout::new_unchecked(width, height, layout.resolution(), map_from_grid), 0);
+        Ok(true)
     }
 
     /// Lets `dt` seconds pass: every cell's log-odds decay towards unknown, by half in each half-life. Nothing happens
@@ -270,5 +319,46 @@ impl OccupancyGrid {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn grid() -> OccupancyGrid {
+        let layout = GridLayout::new(9, 6, 0.5, Se2::new(1.0, -2.0, 0.7)).unwrap();
+        let mut grid = OccupancyGrid::new(layout, OccupancyParams::default()).unwrap();
+        for (index, value) in grid.values.values_mut().iter_mut().enumerate() {
+            *value = index as i16 + 1;
+        }
+        grid
+    }
+
+    proptest! {
+        /// Seen from the map, cells that both windows cover keep their values, and the others are unknown.
+        #[test]
+        fn a_moved_window_keeps_what_it_still_covers(x in -16_i32..24, y in -12_i32..18) {
+            let (old, mut new) = (grid(), grid());
+            let center = old.layout().center(Cell::new(x, y));
+            prop_assert_eq!(new.recenter(&center).unwrap(), (x, y) != (4, 3));
+            prop_assert_eq!(new.layout().cell_at(&center), Some(Cell::new(4, 3)));
+            for index in 0..new.layout().len() {
+                let before = old.layout().cell_at(&new.layout().center(new.layout().cell(index)));
+                let expected = before.and_then(|cell| old.values.get(cell).copied()).unwrap_or(0);
+                prop_assert_eq!(new.values.values()[index], expected);
+            }
+        }
+    }
+
+    #[test]
+    fn a_center_that_cannot_be_counted_changes_nothing() {
+        for bad in [f64::NAN, f64::INFINITY, -1e300] {
+            let mut moved = grid();
+            assert!(matches!(moved.recenter(&Vector2::new(bad, 0.0)), Err(Error::OutOfRange { .. })), "{bad}");
+            assert!(matches!(moved.recenter(&Vector2::new(0.0, bad)), Err(Error::OutOfRange { .. })), "{bad}");
+            assert!(moved == grid());
+        }
     }
 }

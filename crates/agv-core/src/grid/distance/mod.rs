@@ -154,7 +154,9 @@ impl DistanceTransform {
         let reach = self.reach(&layout);
         let bands = Bands::new(width, field.values_mut(), &mut self.bands);
         let (columns, finish) = (&self.columns, &finish);
-        self.par.for_each_chunk(bands, BAND, |band, rows| Band { rows, band, columns, reach, nothing, finish }.run());
+        self.par.for_each_chunk(bands, BAND, |number, rows| {
+            Band { rows, number, columns, reach, nothing, finish }.run();
+        });
         Ok(())
     }
 }

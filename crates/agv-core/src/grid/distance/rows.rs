@@ -77,7 +77,8 @@ impl<T: Send> Split for Bands<'_, T> {
 /// A band's rows, compiled for the instruction set that is found at run time.
 pub(super) struct Band<'a, 'b, T, F> {
     pub(super) rows: Bands<'a, T>,
-    pub(super) band: usize,
+    /// Number of the band in the map.
+    pub(super) number: usize,
     pub(super) columns: &'b Columns,
     /// Parabolas of columns whose obstacle is farther than this are left out, in cells.
     pub(super) reach: i16,
@@ -101,7 +102,7 @@ impl<T: Copy, F: Fn(i32) -> T> WithSimd for Band<'_, '_, T, F> {
         let Some(scratch) = self.rows.scratch.first_mut() else { return };
         scratch.resize(width);
         for (row, out) in self.rows.out.chunks_exact_mut(width).enumerate() {
-            self.columns.row_into(self.band, row, &mut scratch.values);
+            self.columns.row_into(self.number, row, &mut scratch.values);
             let count = scratch.collect(i32::from(self.reach));
             if count == 0 {
                 out.fill(self.nothing);
