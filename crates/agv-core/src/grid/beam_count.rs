@@ -67,6 +67,8 @@ impl BeamCounts {
         self.height = (bounds.high.1 - bounds.low.1 + 1) as usize;
         let len = (self.width + 1) * (self.height + 1);
         if self.rows.len() < len {
+            // With room to spare, for the next scan reaches a little farther.
+            let len = len.next_power_of_two();
             self.rows.resize(len, 0);
             self.columns.resize(len, 0);
         }

@@ -237,7 +237,7 @@ impl EvidenceGrid {
     ///
     /// Cells before the end of a beam become more free, the cell of its end more occupied; beams without a statement
     /// are skipped, see [`InverseModelParams`]. An empty scan changes nothing. Time is linear in the cells crossed;
-    /// memory is allocated only when the grid grows or the scan has more beams than any before.
+    /// memory is allocated only when the grid grows, or the scan has more beams or reaches farther than any before.
     ///
     /// # Errors
     /// A pose that is not finite or too far off, [`Error::TooMany`] if the grid would exceed

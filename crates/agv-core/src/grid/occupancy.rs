@@ -11,11 +11,7 @@ use super::{
     inverse_model::{MIN_PROBABILITY, QUANTUM, log_odds, probability, quantize},
     scan_insertion::{CellUpdate, InsertionScratch, ProjectedScan, insert},
 };
-use crate::{
-    Error, check,
-    geometry::{LieGroup, Se2},
-    sensors::LaserScan,
-};
+use crate::{Error, check, geometry::Se2, sensors::LaserScan};
 use nalgebra::Vector2;
 
 /// Parameters of [`OccupancyGrid`].
@@ -239,7 +235,8 @@ impl OccupancyGrid {
 
     /// Updates the cells that a scan taken at `map_from_base` crosses and hits; what lies outside the grid is left out.
     ///
-    /// Time is linear in the cells crossed; memory is allocated only if the scan has more beams than any before.
+    /// Time is linear in the cells crossed; memory is allocated only if the scan has more beams, or
+    /// reaches farther, than any before.
     ///
     /// # Errors
     /// A pose that is not finite, or farther off than [`Traversal::MAX_COORDINATE`]
@@ -279,9 +276,9 @@ impl OccupancyGrid {
             let distance = up * width as isize + right;
             let (len, shift) = (values.len(), distance.unsigned_abs());
             if distance > 0 {
-                values.copy_within(shift.., 0)
+                values.copy_within(shift.., 0);
             } else {
-                values.copy_within(..len - shift, shift)
+                values.copy_within(..len - shift, shift);
             }
             let new_rows = if up > 0 { len - rows * width..len } else { 0..rows * width };
             values[new_rows].fill(0);
