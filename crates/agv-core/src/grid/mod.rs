@@ -1,5 +1,6 @@
 //! Grids: where cells lie, what they hold, and what is computed on them.
 
+mod beam_count;
 mod beam_walk;
 mod cells;
 mod collision;
