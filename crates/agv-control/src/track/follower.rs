@@ -215,7 +215,7 @@ fn in_gear(twist: &Twist2, gear: Gear) -> Twist2 {
 impl<S: Steering> PathTracker for Follower<S> {
     fn set_path(&mut self, path: &Path) -> Result<(), TrackError> {
         self.course.set(path)?;
-        self.profile.reset();
+        self.profile.reset(&self.course);
         self.steering.reset();
         self.turning = false;
         Ok(())

@@ -36,9 +36,11 @@ impl SpeedProfile {
         (at(knot) * (1.0 - share) + at(knot + 1) * share).sqrt()
     }
 
-    /// Forgets the speeds: there is another course.
-    pub(super) const fn reset(&mut self) {
+    /// Forgets the speeds and makes room for another course.
+    pub(super) fn reset(&mut self, course: &Course) {
         self.limits = None;
+        self.squares.clear();
+        self.squares.reserve(course.bends().len());
     }
 
     /// Computes the speeds if the limits are others than before. O(length of the course) then, else O(1).

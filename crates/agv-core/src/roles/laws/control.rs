@@ -104,9 +104,9 @@ pub fn path_tracker(
             let end_from_base = end.inverse().compose(&state.map_from_base);
             let at_end = end_from_base.translation().norm() <= tolerance;
             ensure(ROLE, "a vehicle that arrived is at the end of the path", at_end)?;
+            ensure(ROLE, "nothing remains of the path of one that arrived", command.remaining <= tolerance)?;
             let headed = end_from_base.yaw().abs() <= heading_tolerance;
             ensure(ROLE, "a vehicle that arrived has the heading of the end", headed)?;
-            ensure(ROLE, "nothing remains of the path of one that arrived", command.remaining <= tolerance)?;
             return ensure(ROLE, "a vehicle that arrived is at rest", state.twist == Twist2::ZERO);
         }
     }
@@ -126,7 +126,7 @@ mod tests {
 
     impl PathTracker for Idler {
         fn set_path(&mut self, path: &Path) -> Result<(), TrackError> {
-            if path.length() <= 0.0 {
+            if path.length() <= 0.0 && !path.is_turn(1) {
                 return Err(TrackError::NoPath);
             }
             self.remaining = Some(path.length());
@@ -159,6 +159,12 @@ mod tests {
         };
         let far = [0.0, 1.0, 2.0].map(|x| Vector2::new(x, 0.0));
         assert_eq!(verdict(far, false).unwrap_err().law, "a vehicle that arrived is at the end of the path");
+        // A turn on the spot has no length, so only the heading tells.
+        let mut turn = Path::from_positions(&[Vector2::zeros()]).unwrap();
+        turn.push_turn(1.0).unwrap();
+        let idle = &mut Idler { remaining: None, admits: false };
+        let headless = path_tracker(idle, &turn, &MotionLimits::default(), 0.05, 0.05, 0.05);
+        assert_eq!(headless.unwrap_err().law, "a vehicle that arrived has the heading of the end");
         // A round trip ends where it starts, so only what remains tells.
         let round = [0.0, 1.0, 0.0].map(|x| Vector2::new(x, 0.0));
         assert_eq!(verdict(round, true).unwrap_err().law, "nothing remains of the path of one that arrived");
