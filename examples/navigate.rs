@@ -269,10 +269,9 @@ fn drive(args: &Args, map: &Grid<CellState>, start: Se2, recorded: &Recording, r
         GridWorld::new(map),
         Vehicle::new(vehicle, start, seed.derive(1))?,
         Body::circle(VEHICLE_RADIUS)?,
-        Laser::new(laser, seed.derive(2))?,
         dt,
     )?
-    .with_scan_every(2);
+    .with_laser(Laser::new(laser, seed.derive(2))?, 2)?;
 
     let mut course = Course::default();
     course.set(navigator.path())?;
@@ -281,7 +280,7 @@ fn drive(args: &Args, map: &Grid<CellState>, start: Se2, recorded: &Recording, r
     let cycles_at_most = (20.0 * drive.path.length() / limits.forward_speed / dt) as usize;
     for cycle in 1..=cycles_at_most {
         let seen = simulator.step(&command)?;
-        let step = cycles.time(|| navigator.cycle(&seen.odometry, seen.scan, command, dt))?;
+        let step = cycles.time(|| navigator.cycle(&seen.odometry, seen.scan(), command, dt))?;
         let track = step.command.ok_or("the navigator has no path")?;
         command = track.twist;
         contacts += usize::from(seen.contact);

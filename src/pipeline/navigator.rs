@@ -60,11 +60,11 @@ pub struct NavigationStep {
 ///
 /// let vehicle = Vehicle::new(VehicleParams::default(), start, Seed(1))?;
 /// let laser = Laser::new(LaserParams::default(), Seed(2))?;
-/// let mut robot = Simulator2d::new(GridWorld::new(&map), vehicle, Body::circle(0.2)?, laser, dt)?;
+/// let mut robot = Simulator2d::new(GridWorld::new(&map), vehicle, Body::circle(0.2)?, dt)?.with_laser(laser, 1)?;
 /// let mut twist = Twist2::ZERO;
 /// let arrived = (0..1000).any(|_| {
 ///     let seen = robot.step(&twist).unwrap();
-///     let step = navigator.cycle(&seen.odometry, seen.scan, twist, dt).unwrap();
+///     let step = navigator.cycle(&seen.odometry, seen.scan(), twist, dt).unwrap();
 ///     let command = step.command.unwrap();
 ///     twist = command.twist;
 ///     command.status == TrackStatus::Arrived

@@ -57,6 +57,7 @@ table! {
     core::grid::RayCastParams,
     core::kinematics::AckermannParams,
     core::kinematics::DifferentialParams,
+    core::kinematics::DoubleAckermannParams,
     core::kinematics::MecanumParams,
     core::kinematics::TricycleParams,
     core::kinematics::TwistLimits,

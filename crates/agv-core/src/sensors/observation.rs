@@ -6,7 +6,9 @@ use crate::time::Stamp;
 /// An observation as a filter sees it from outside: when it was taken, and by which sensor.
 ///
 /// Two observations of one kind that agree in both are the same one, delivered twice; stamps of one sensor do not
-/// decrease, those of two sensors may. Kinds that know neither are an `impl Observation for Heading {}`.
+/// decrease, those of two sensors may. Where a sensor sees several things at once (the markers of one image), the
+/// observation is the slice of them, which is one as its first entry is. Kinds that know neither time nor sensor are an
+/// `impl Observation for Heading {}`.
 pub trait Observation {
     /// The time that it refers to; none if it does not know.
     fn stamp(&self) -> Option<Stamp> {
@@ -32,6 +34,17 @@ pub trait Observation {
 impl Observation for () {
     fn kind(&self) -> &'static str {
         "nothing"
+    }
+}
+
+/// What one sensor saw at one time; empty if it saw nothing, which is at no known time.
+impl<T: Observation> Observation for [T] {
+    fn stamp(&self) -> Option<Stamp> {
+        self.first().and_then(T::stamp)
+    }
+
+    fn sensor(&self) -> SensorId {
+        self.first().map(T::sensor).unwrap_or_default()
     }
 }
 
