@@ -66,7 +66,9 @@ fn is_applied(mcl: &mut impl Correct<Fix>, fix: &Fix) -> bool {
 fn sensors_may_be_chosen_at_run_time() {
     let fixes = [fix(0, 5.1, 5.0), fix(1, 5.1, 5.1)];
     let run = |mcl: &mut dyn Correct<Fix, Pose = Se2>| {
-        fixes.iter().for_each(|fix| assert!(matches!(mcl.update(fix), Ok(UpdateOutcome::Applied(_)))));
+        for fix in &fixes {
+            assert!(matches!(mcl.update(fix), Ok(UpdateOutcome::Applied(_))));
+        }
         mcl.estimate()
     };
     let boxed: Box<dyn WeighParticles<Fix> + Send> = Box::new(PerPose(FixModel));

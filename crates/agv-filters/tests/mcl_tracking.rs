@@ -43,14 +43,19 @@ fn room() -> Grid<CellState> {
 }
 
 fn scan_from(pose: &Se2, stream: &mut Stream) -> LaserScan {
-    let geometry = ScanGeometry { angle_min: -2.0, angle_increment: 4.0 / 89.0, range_max: 20.0, ..Default::default() };
+    dense_scan_from(pose, 90, stream)
+}
+
+fn dense_scan_from(pose: &Se2, beams: usize, stream: &mut Stream) -> LaserScan {
+    let increment = 4.0 / (beams - 1) as f64;
+    let geometry = ScanGeometry { angle_min: -2.0, angle_increment: increment, range_max: 20.0, ..Default::default() };
     let range = |i: usize| {
         let (sin, cos) = (pose.yaw() + geometry.angle(i)).sin_cos();
         let along_x = if cos > 0.0 { (ROOM.0 - pose.x()) / cos } else { -pose.x() / cos };
         let along_y = if sin > 0.0 { (ROOM.1 - pose.y()) / sin } else { -pose.y() / sin };
         along_x.min(along_y)
     };
-    let noisy = (0..90).map(|i| {
+    let noisy = (0..beams).map(|i| {
         let z: f64 = StandardNormal.sample(stream);
         (range(i) + RANGE_SIGMA * z) as f32
     });
@@ -59,9 +64,13 @@ fn scan_from(pose: &Se2, stream: &mut Stream) -> LaserScan {
 }
 
 fn filter(particles: usize, seed: u64) -> Filter {
+    filter_with(LikelihoodFieldModelParams::default(), particles, seed)
+}
+
+fn filter_with(sensor: LikelihoodFieldModelParams, particles: usize, seed: u64) -> Filter {
     let map = room();
     let field = LikelihoodField::new(&map, LikelihoodFieldParams::default()).unwrap();
-    let sensor = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default()).unwrap();
+    let sensor = LikelihoodFieldModel::new(&field, sensor).unwrap();
     let motion = DifferentialOdometryModel::new(OdometryNoise::uniform(ALPHA)).unwrap();
     let params = MclParams { particles, ..Default::default() };
     Mcl::new(motion, sensor, FreeSpace::new(&map, 0.2).unwrap(), params, Seed(seed)).unwrap()
@@ -75,9 +84,10 @@ fn increment(start_from_end: Se2) -> OdometryIncrement {
     OdometryIncrement::between(Stamp::default(), &Se2::identity(), Stamp::default(), &start_from_end).unwrap()
 }
 
-/// Drives a circle and returns the squared position errors and the NEES of every update.
-fn drive(seed: u64) -> (Vec<f64>, Vec<f64>) {
-    let mut mcl = filter(2000, seed);
+/// Drives a circle with a scanner of so many beams, all of them used, and returns the squared position errors and the NEES
+/// of every update.
+fn drive(beams: usize, seed: u64) -> (Vec<f64>, Vec<f64>) {
+    let mut mcl = filter_with(LikelihoodFieldModelParams { max_beams: beams, ..Default::default() }, 2000, seed);
     let mut world = Seed(seed).derive(99).stream(0, 0);
     let slip = DifferentialOdometryModel::new(OdometryNoise::uniform(ALPHA)).unwrap();
     let mut truth = Se2::new(4.0, 1.2, 0.0);
@@ -88,7 +98,7 @@ fn drive(seed: u64) -> (Vec<f64>, Vec<f64>) {
         let reported = increment(Twist2::new(0.25, 0.0, 0.2).integrate(1.0));
         truth = slip.condition(&reported)(&truth, &mut world);
         mcl.predict(&reported).unwrap();
-        assert!(matches!(mcl.update(&scan_from(&truth, &mut world)), Ok(UpdateOutcome::Applied(_))));
+        assert!(matches!(mcl.update(&dense_scan_from(&truth, beams, &mut world)), Ok(UpdateOutcome::Applied(_))));
         let estimate = mcl.estimate().unwrap();
         let error = truth.minus(estimate.map_from_base());
         squares.push((truth.translation() - estimate.map_from_base().translation()).norm_squared());
@@ -105,7 +115,7 @@ fn drive(seed: u64) -> (Vec<f64>, Vec<f64>) {
 fn tracks_a_room_over_many_seeds() {
     let (mut squares, mut nees, mut seeds) = (0.0, Vec::new(), 0.0);
     for seed in 0..20 {
-        let (s, n) = drive(seed);
+        let (s, n) = drive(60, seed);
         // The first updates start from 20 cm.
         let tail = &s[10..];
         let rmse = (tail.iter().sum::<f64>() / tail.len() as f64).sqrt();
@@ -123,6 +133,25 @@ fn tracks_a_room_over_many_seeds() {
     let (median, upper) = (nees[nees.len() / 2], nees[nees.len() * 3 / 4]);
     eprintln!("rmse {rmse:.4} m, NEES: median {median:.2}, third quartile {upper:.2}");
     assert!(median < 3.5 && upper < 7.81, "{median}, {upper}");
+}
+
+/// With the beams counted by how many are independent, a denser scanner makes the filter neither worse nor surer than it
+/// may be: the bounds are those of 60 beams.
+#[test]
+fn denser_scanners_track_as_well() {
+    for beams in [180, 720] {
+        let (mut squares, mut nees) = (Vec::new(), Vec::new());
+        for seed in 0..4 {
+            let (s, n) = drive(beams, seed);
+            squares.extend_from_slice(&s[10..]);
+            nees.extend_from_slice(&n[10..]);
+        }
+        let rmse = (squares.iter().sum::<f64>() / squares.len() as f64).sqrt();
+        nees.sort_by(f64::total_cmp);
+        let (median, upper) = (nees[nees.len() / 2], nees[nees.len() * 3 / 4]);
+        eprintln!("{beams} beams: rmse {rmse:.4} m, NEES: median {median:.2}, third quartile {upper:.2}");
+        assert!(rmse < 0.05 * 2_f64.sqrt() && median < 3.5 && upper < 7.81, "{beams}: {rmse} {median} {upper}");
+    }
 }
 
 #[test]

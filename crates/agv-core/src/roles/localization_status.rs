@@ -250,15 +250,13 @@ impl StatusMonitor {
         self.status = match self.status {
             Uninitialized => Uninitialized,
             Tracking if !self.is_within(estimate, self.params.widening) => Lost { doubt: spread },
-            Tracking if share < self.params.unexplained => Lost { doubt: unexplained },
-            Tracking => Tracking,
             Converging { .. } if !is_narrow => Converging { doubt: spread },
             Converging { .. } if !is_confirmed => Converging { doubt: Doubt::Unconfirmed },
-            Converging { .. } if share < self.params.unexplained => Lost { doubt: unexplained },
-            Converging { .. } if share < self.params.explained => Converging { doubt: unexplained },
             Lost { .. } if !is_narrow => Lost { doubt: spread },
+            Tracking | Converging { .. } if share < self.params.unexplained => Lost { doubt: unexplained },
+            Converging { .. } if share < self.params.explained => Converging { doubt: unexplained },
             Lost { .. } if share < self.params.explained => Lost { doubt: unexplained },
-            Converging { .. } | Lost { .. } => Tracking,
+            Tracking | Converging { .. } | Lost { .. } => Tracking,
         };
     }
 }

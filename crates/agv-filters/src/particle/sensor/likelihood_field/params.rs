@@ -43,7 +43,7 @@ pub struct LikelihoodFieldModelParams {
 
 impl Default for LikelihoodFieldModelParams {
     /// 60 beams, as `nav2_amcl`, of which 5 must hit within 30 m. A scan counts as 18 independent beams: on the Intel log
-    /// the effective sample size is then 21 % of the particles instead of 9 % with 60, at the price of 2 mm. Beams within
+    /// the position is then better by 3 mm of 58 than with 60, and of the particles more stay alive. Beams within
     /// 0.2 m, the field's usual deviation, are explained.
     fn default() -> Self {
         Self {
