@@ -1,22 +1,13 @@
-//! The inner loop of a step test, for several gains at once.
+//! The inner loop of a step test, for one set of gains or several side by side.
 //!
-//! Each lane is a loop of its own: the lanes share the plant and the clock, their operations are the same in the same
-//! order, so that a lane has the same bits whatever its neighbours. Lanes are plain arrays whose loops vectorise.
+//! Lanes share the plant and the clock and nothing else; their operations are the same in the same order, so that a lane
+//! has the bits of a run on its own.
 
-use crate::plant::state_space::Discrete;
-use crate::plant::{
-    ActuatorLimits,
-    actuator::{at_least, at_most, limit},
-};
-
-/// Gain sets that are simulated at once.
-pub(super) const LANES: usize = 8;
-
-/// Greatest dead time of a test, in samples: the inputs under way are kept on the stack.
-pub(super) const MAX_DELAY: usize = 1000;
+use super::lane::Lane;
+use crate::plant::{ActuatorLimits, state_space::{Discrete, Vector}};
 
 /// A step test, ready to run.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Test {
     pub(super) plant: Discrete,
     pub(super) actuator: ActuatorLimits,
@@ -25,82 +16,135 @@ pub(super) struct Test {
     pub(super) steps: u32,
 }
 
-/// ITAE of `L` loops under the gains Kp, Ki, Kd. `N` is the order of the plant; a `PLAIN` one has no dead time, no
-/// limit on the rate of its input and no direct feed-through.
+/// What a run sums up; a plain one leaves all but the ITAE at zero. See [`StepFigures`](super::StepFigures).
+#[derive(Clone, Copy)]
+pub(super) struct Sums<T> {
+    pub(super) itae: T,
+    pub(super) iae: T,
+    pub(super) ise: T,
+    pub(super) itse: T,
+    pub(super) overshoot: T,
+    pub(super) energy: T,
+    pub(super) travel: T,
+    pub(super) last_error: T,
+}
+
+impl<T> Sums<T> {
+    #[inline(always)]
+    pub(super) fn map<U>(&self, f: impl Fn(&T) -> U) -> Sums<U> {
+        Sums {
+            itae: f(&self.itae),
+            iae: f(&self.iae),
+            ise: f(&self.ise),
+            itse: f(&self.itse),
+            overshoot: f(&self.overshoot),
+            energy: f(&self.energy),
+            travel: f(&self.travel),
+            last_error: f(&self.last_error),
+        }
+    }
+}
+
+/// Runs the loops under the gains Kp, Ki, Kd. `N` is at least the order of the plant. A `PLAIN` run is for plants without
+/// dead time, rate limit or direct feed-through, and gives the ITAE only. `line` has more entries than the plant's delay,
+/// all zero.
 #[inline(always)]
-pub(super) fn itae<const N: usize, const L: usize, const PLAIN: bool>(
+pub(super) fn run<T: Lane, const N: usize, const PLAIN: bool>(
     test: &Test,
-    [kp, ki, kd]: &[[f64; L]; 3],
-) -> [f64; L] {
+    [kp, ki, kd]: [T; 3],
+    line: &mut [T],
+) -> Sums<T> {
     let plant = &test.plant;
-    let (dt, r) = (plant.dt, test.set_point);
-    let ActuatorLimits { min, max, rate } = test.actuator;
-    // Backward Euler of the filter Tf d' + d = e': d = a d + (e - e_last) / (Tf + dt).
-    let decay = test.filter_time / (test.filter_time + dt);
-    let slope = 1.0 / (test.filter_time + dt);
+    let (zero, dt, r) = (kp.like(0.0), plant.dt, kp.like(test.set_point));
+    let (min, max) = (kp.like(test.actuator.min), kp.like(test.actuator.max));
+    let step = kp.like(test.actuator.rate * dt);
+    // Loops rather than closures, which would not be compiled for the vector unit.
+    let (mut a, mut b, mut late_b, mut c) = ([[zero; N]; N], [zero; N], [zero; N], [zero; N]);
+    for i in 0..N {
+        (b[i], late_b[i], c[i]) = (kp.like(plant.b[i]), kp.like(plant.b_late[i]), kp.like(plant.c[i]));
+        for j in 0..N {
+            a[i][j] = kp.like(plant.a[i][j]);
+        }
+    }
+    let product = |b: &Vector| plant.c.iter().zip(b).map(|(c, b)| c * b).sum::<f64>();
+    let (cb, late_cb) = (kp.like(product(&plant.b) + plant.d), kp.like(product(&plant.b_late)));
+    // Backward Euler of the filter Tf d' + d = e': d = decay d + slope (e - e_last).
+    let decay = kp.like(test.filter_time / (test.filter_time + dt));
+    let slope = kp.like(1.0 / (test.filter_time + dt));
     // All that the newest error is multiplied with is one gain, so that the way from error to input is short:
     // u = direct e + held, where the part that is known beforehand is computed beside the plant.
-    let mut direct = [0.0; L];
-    let mut kd_slope = [0.0; L];
-    let mut ki_dt = [0.0; L];
-    for l in 0..L {
-        kd_slope[l] = kd[l] * slope;
-        ki_dt[l] = ki[l] * dt;
-        direct[l] = kp[l] + ki_dt[l] + kd_slope[l];
-    }
-    let mut error = [r; L];
-    let mut last_error = [r; L];
-    let mut integral = [0.0; L];
-    let mut derivative = [0.0; L];
-    let mut x = [[0.0; L]; N];
-    let mut cost = [0.0; L];
-    let mut u = [0.0; L];
-    let mut line = [[0.0; L]; MAX_DELAY + 1];
-    let mut head = 0;
+    let (kd_slope, ki_dt) = (kd * slope, ki * kp.like(dt));
+    let direct = kp + ki_dt + kd_slope;
+
+    let mut sums = Sums {
+        itae: zero,
+        iae: zero,
+        ise: zero,
+        itse: zero,
+        overshoot: zero,
+        energy: zero,
+        travel: zero,
+        last_error: zero,
+    };
+    let (mut error, mut integral, mut derivative, mut slope_error, mut u) = (r, zero, zero, kd_slope * r, zero);
+    let (mut x, mut head) = ([zero; N], 0);
     for k in 1..=test.steps {
-        let t = f64::from(k) * dt;
+        let t = kp.like(f64::from(k) * dt);
+        let held = decay * derivative - slope_error;
         let last_u = u;
-        for l in 0..L {
-            let held_derivative = decay * derivative[l] - kd_slope[l] * last_error[l];
-            u[l] = direct[l] * error[l] + (integral[l] + held_derivative);
-            integral[l] += ki_dt[l] * error[l];
-            derivative[l] = held_derivative + kd_slope[l] * error[l];
-            last_error[l] = error[l];
-            u[l] = if PLAIN { at_most(at_least(u[l], min), max) } else { limit(u[l], last_u[l], min, max, rate * dt) };
+        u = (direct * error + (integral + held)).at_least(min).at_most(max);
+        if !PLAIN {
+            u = u.at_least(last_u - step).at_most(last_u + step);
         }
-        let (mut due, mut late) = (u, [0.0; L]);
+        integral = integral + ki_dt * error;
+        slope_error = kd_slope * error;
+        derivative = held + slope_error;
+
+        let (mut due, mut late) = (u, zero);
         if !PLAIN {
             late = std::mem::replace(&mut line[head], u);
             head = if head == plant.delay { 0 } else { head + 1 };
-            due = line[head];
-            if plant.delay == 0 {
-                due = u;
-            }
+            due = if plant.delay == 0 { u } else { line[head] };
         }
-        let mut next = [[0.0; L]; N];
-        let mut y = [0.0; L];
+        let mut next = [zero; N];
         for i in 0..N {
-            for l in 0..L {
-                let mut sum = plant.a[i][0] * x[0][l];
-                for j in 1..N {
-                    sum += plant.a[i][j] * x[j][l];
-                }
-                sum += plant.b[i] * due[l];
-                if !PLAIN {
-                    sum += plant.b_late[i] * late[l];
-                }
-                next[i][l] = sum;
-                y[l] += plant.c[i] * sum;
+            // What the old state gives comes first: it does not wait for the input.
+            next[i] = a[i][0] * x[0];
+            for j in 1..N {
+                next[i] = next[i] + a[i][j] * x[j];
             }
         }
-        x = next;
-        for l in 0..L {
+        // r - C x, of which the part without the input is known before.
+        let mut free = r;
+        for i in 0..N {
+            free = free - c[i] * next[i];
+            x[i] = next[i] + b[i] * due;
             if !PLAIN {
-                y[l] += plant.d * due[l];
+                x[i] = x[i] + late_b[i] * late;
             }
-            error[l] = r - y[l];
-            cost[l] += t * error[l].abs();
+        }
+        if !PLAIN {
+            free = free - late_cb * late;
+        }
+        error = free - cb * due;
+        sums.itae = sums.itae + t * error.abs();
+        if !PLAIN {
+            sums.iae = sums.iae + error.abs();
+            sums.ise = sums.ise + error * error;
+            sums.itse = sums.itse + t * (error * error);
+            sums.overshoot = sums.overshoot.at_least(if test.set_point < 0.0 { error } else { zero - error });
+            sums.energy = sums.energy + u * u;
+            sums.travel = sums.travel + (u - last_u).abs();
         }
     }
-    cost.map(|cost| cost * dt)
+    let dt = kp.like(dt);
+    Sums {
+        itae: sums.itae * dt,
+        iae: sums.iae * dt,
+        ise: sums.ise * dt,
+        itse: sums.itse * dt,
+        energy: sums.energy * dt,
+        last_error: error.abs(),
+        ..sums
+    }
 }
