@@ -4,7 +4,10 @@
 //! has the bits of a run on its own.
 
 use super::lane::Lane;
-use crate::plant::{ActuatorLimits, state_space::{Discrete, Vector}};
+use crate::plant::{
+    ActuatorLimits,
+    state_space::{Discrete, Vector},
+};
 
 /// A step test, ready to run.
 #[derive(Debug, Clone, Copy, PartialEq)]

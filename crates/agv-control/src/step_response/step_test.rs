@@ -4,6 +4,7 @@ use super::figures::{DIVERGED, StepFigures, finite_or_infinite};
 use super::kernel::{Sums, Test, run};
 use super::lane::{Lane, MOST_LANES, Wide};
 use crate::Error;
+use crate::pid::{AntiWindup, PidParams};
 use crate::plant::LinearPlant;
 use agv_core::check;
 use pulp::{Arch, Simd, WithSimd};
@@ -110,6 +111,19 @@ impl StepTest {
     /// How the test is run.
     pub const fn params(&self) -> &StepTestParams {
         &self.params
+    }
+
+    /// The controller that is tested: for [`simulate_step`](super::simulate_step), or with limits and an anti-windup of
+    /// its own for use.
+    pub fn controller(&self, gains: PidGains) -> PidParams {
+        PidParams {
+            proportional: gains.proportional,
+            integral: gains.integral,
+            derivative: gains.derivative,
+            filter_time: self.params.filter_time,
+            anti_windup: AntiWindup::Off,
+            ..PidParams::default()
+        }
     }
 
     /// ITAE of one set of gains.
@@ -235,16 +249,5 @@ impl<R: Results> WithSimd for Batch<'_, R> {
                 self.results.take(chunk * lanes + l, gains.can_be_simulated().then(|| sums.map(|sum| sum.lane(l))));
             }
         }
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use crate::plant::StandIn;
-
-    #[test]
-    fn the_fixed_point_of_p1() {
-        let cost = StandIn::P1.step_test().unwrap().cost([3.18, 3.4, 1.61].into());
-        assert!((cost - 1.03717).abs() < 1e-5, "{cost}");
     }
 }
