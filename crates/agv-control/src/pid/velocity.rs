@@ -112,12 +112,6 @@ impl VelocityPid {
         self.state = State { output, rate: 0.0, last: Some((set_point, measurement)), ..self.state };
         Ok(output)
     }
-
-    #[cold]
-    fn set_timing(&mut self, dt: f64) -> Result<(), Error> {
-        self.timing = Timing::new(&self.state.params, dt)?;
-        Ok(())
-    }
 }
 
 fn validate(params: &PidParams) -> Result<(), Error> {
@@ -129,7 +123,7 @@ impl Controller for VelocityPid {
     #[inline]
     fn update(&mut self, set_point: f64, measurement: f64, dt: f64) -> Result<f64, ControlError> {
         if dt != self.timing.dt {
-            self.set_timing(dt)?;
+            self.timing = Timing::new(self.state.params, dt)?;
         }
         let (timing, state) = (&self.timing, &self.state);
         let params = &state.params;
@@ -148,7 +142,7 @@ impl Controller for VelocityPid {
             return Err(refusal(set_point, measurement, 0.0, wanted));
         }
         let mut output = wanted;
-        if state.last.is_some() {
+        if state.last.is_some() && timing.limits_rate {
             output = at_most(at_least(output, state.output - timing.output_step), state.output + timing.output_step);
         }
         output = at_most(at_least(output, params.output_min), params.output_max);
