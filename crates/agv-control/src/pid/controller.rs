@@ -134,7 +134,7 @@ impl Pid {
         check::finite("output", output)?;
         check::finite("set_point", set_point)?;
         check::finite("measurement", measurement)?;
-        self.timing = Timing::new(self.state.params, dt)?;
+        self.set_timing(dt)?;
         let State { params, rate, last, .. } = &self.state;
         let rate = last.map_or(0.0, |last| self.timing.rate(*rate, measurement - last.measurement));
         let output = output.clamp(params.output_min, params.output_max);
@@ -160,7 +160,7 @@ impl Pid {
         dt: f64,
     ) -> Result<f64, ControlError> {
         if dt != self.timing.dt {
-            self.timing = Timing::new(self.state.params, dt)?;
+            self.set_timing(dt)?;
         }
         let (timing, state) = (&self.timing, &self.state);
         let params = &state.params;
@@ -191,6 +191,12 @@ impl Pid {
         (self.state.integral, self.state.rate) = (integral, rate);
         self.state.last = Some(Call { set_point, measurement, output });
         Ok(output)
+    }
+
+    #[cold]
+    fn set_timing(&mut self, dt: f64) -> Result<(), Error> {
+        self.timing = Timing::new(&self.state.params, dt)?;
+        Ok(())
     }
 }
 

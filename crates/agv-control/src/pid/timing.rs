@@ -31,9 +31,7 @@ impl Timing {
         tracking_share: 0.0,
     };
 
-    /// By value, so that a controller whose `dt` stays can live in registers.
-    #[cold]
-    pub(super) fn new(params: PidParams, dt: f64) -> Result<Self, Error> {
+    pub(super) fn new(params: &PidParams, dt: f64) -> Result<Self, Error> {
         check::positive("dt", dt)?;
         let filter_slope = 1.0 / (params.filter_time + dt);
         Ok(Self {

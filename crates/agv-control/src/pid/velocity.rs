@@ -112,6 +112,12 @@ impl VelocityPid {
         self.state = State { output, rate: 0.0, last: Some((set_point, measurement)), ..self.state };
         Ok(output)
     }
+
+    #[cold]
+    fn set_timing(&mut self, dt: f64) -> Result<(), Error> {
+        self.timing = Timing::new(&self.state.params, dt)?;
+        Ok(())
+    }
 }
 
 fn validate(params: &PidParams) -> Result<(), Error> {
@@ -123,7 +129,7 @@ impl Controller for VelocityPid {
     #[inline]
     fn update(&mut self, set_point: f64, measurement: f64, dt: f64) -> Result<f64, ControlError> {
         if dt != self.timing.dt {
-            self.timing = Timing::new(self.state.params, dt)?;
+            self.set_timing(dt)?;
         }
         let (timing, state) = (&self.timing, &self.state);
         let params = &state.params;
