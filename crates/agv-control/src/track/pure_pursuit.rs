@@ -11,11 +11,7 @@ use super::{
     follower::{Follower, FollowerParams},
     steering::{Steering, SteeringInput},
 };
-use agv_core::{
-    Error, check,
-    geometry::{LieGroup, Twist2},
-    roles::TrackError,
-};
+use agv_core::{Error, check, geometry::Twist2, roles::TrackError};
 
 /// Parameters of [`PurePursuit`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,11 +63,17 @@ impl Steering for PurePursuitSteering {
         let p = &self.params;
         let ahead = (p.look_ahead_time * input.speed).max(steerable_look_ahead(input));
         let ahead = ahead.clamp(p.look_ahead_min, p.look_ahead_max);
-        let (target, _) = input.course.point_at(input.projection.arc_length + ahead).ok_or(TrackError::NoPath)?;
-        let in_base = input.heading.inverse().act(&(target - input.position));
-        // At the target itself every arc leads there: go straight.
-        let square = in_base.norm_squared().max(f64::MIN_POSITIVE);
-        Ok(Twist2::new(input.speed, 0.0, input.speed * 2.0 * in_base.y / square))
+        let predicted = input.predicted()?;
+        let (error, heading_error) = (predicted.cross_track, predicted.heading_error);
+        if let Some(facing) = input.facing {
+            // Any way is open to it: the one to the point.
+            return input.sideways(facing, &predicted, -(error / ahead).atan());
+        }
+        // The point lies at (ahead, 0) along the path, the vehicle at (0, error).
+        let (sin, cos) = heading_error.sin_cos();
+        let aside = -error * cos - ahead * sin;
+        let curvature = 2.0 * aside / (ahead * ahead + error * error);
+        Ok(Twist2::new(input.speed, 0.0, input.speed * (predicted.curvature + curvature)))
     }
 
     fn reset(&mut self) {}

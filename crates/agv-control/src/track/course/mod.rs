@@ -4,7 +4,7 @@ mod bends;
 mod projection;
 
 use agv_core::{
-    geometry::{So2, angle_difference},
+    geometry::{LieGroup, So2, angle_difference},
     path::{Gear, Path},
     roles::TrackError,
 };
@@ -222,6 +222,20 @@ impl Course {
         let chord = ahead - behind;
         // A hairpin narrower than the window has no chord to speak of.
         Some(if chord.norm() > 0.1 * window { So2::from_direction(chord.x, chord.y) } else { direction })
+    }
+
+    /// Angle of a heading relative to [`direction_at`](Self::direction_at), in radians, without the detour over a unit vector.
+    #[inline]
+    pub(super) fn angle_from(&self, arc_length: f64, heading: So2) -> Option<f64> {
+        let window = self.bend_window();
+        let (behind, _) = self.point_at(arc_length - 0.5 * window)?;
+        let (ahead, direction) = self.point_at(arc_length + 0.5 * window)?;
+        let chord = ahead - behind;
+        if chord.norm_squared() <= (0.1 * window).powi(2) {
+            return Some(direction.inverse().compose(&heading).angle());
+        }
+        let (cos, sin) = (heading.cos(), heading.sin());
+        Some((chord.x * sin - chord.y * cos).atan2(chord.x * cos + chord.y * sin))
     }
 
     /// The segment of the whole course that holds an arc length, the first or last for one beyond. O(1) for points that are
