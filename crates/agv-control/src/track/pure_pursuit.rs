@@ -61,8 +61,8 @@ impl PurePursuit {
 impl Steering for PurePursuitSteering {
     fn twist(&mut self, input: &SteeringInput<'_>) -> Result<Twist2, TrackError> {
         let p = &self.params;
-        let ahead = (p.look_ahead_time * input.speed).max(steerable_look_ahead(input));
-        let ahead = ahead.clamp(p.look_ahead_min, p.look_ahead_max);
+        let ahead = (p.look_ahead_time * input.speed).clamp(p.look_ahead_min, p.look_ahead_max);
+        let ahead = steerable_look_ahead(input, ahead).min(p.look_ahead_max);
         let predicted = input.predicted()?;
         let (error, heading_error) = (predicted.cross_track, predicted.heading_error);
         if let Some(facing) = input.facing {
@@ -83,9 +83,12 @@ impl Steering for PurePursuitSteering {
 ///
 /// Near the path pure pursuit is an oscillator of frequency `√2 v / l`; an offset `y` then asks for `2√2 v² y / l³` of
 /// yaw acceleration, and a heading error `e` for `2√2 v² e / l²`.
-fn steerable_look_ahead(input: &SteeringInput<'_>) -> f64 {
+fn steerable_look_ahead(input: &SteeringInput<'_>, least: f64) -> f64 {
     let pull = 2.0 * std::f64::consts::SQRT_2 * input.speed * input.speed / input.limits.twist.yaw_acceleration;
-    (pull * input.projection.cross_track.abs()).cbrt().max((pull * input.heading_error.abs()).sqrt())
+    let (cube, square) = (pull * input.projection.cross_track.abs(), pull * input.heading_error.abs());
+    // Roots are slow, and seldom needed.
+    let ahead = if cube > least * least * least { cube.cbrt() } else { least };
+    if square > ahead * ahead { square.sqrt() } else { ahead }
 }
 
 #[cfg(test)]

@@ -11,6 +11,7 @@ use agv_core::{
 pub(super) use bends::Bend;
 use bends::Knots;
 use nalgebra::Vector2;
+use projection::Clearance;
 pub use projection::Projection;
 
 /// What a stretch of a course asks for.
@@ -53,6 +54,8 @@ pub struct Course {
     segment: usize,
     /// Arc length of the vehicle's last projection, in metres.
     progress: f64,
+    /// Where the nearest point need not be searched.
+    clearance: Option<Clearance>,
 }
 
 impl Course {
@@ -68,6 +71,7 @@ impl Course {
             section: 0,
             segment: 0,
             progress: 0.0,
+            clearance: None,
         }
     }
 
@@ -118,7 +122,7 @@ impl Course {
         self.arc_lengths.clear();
         self.directions.clear();
         self.sections.clear();
-        (self.section, self.segment, self.progress) = (0, 0, 0.0);
+        (self.section, self.segment, self.progress, self.clearance) = (0, 0, 0.0, None);
     }
 
     fn push_vertex(&mut self, position: Vector2<f64>, yaw: f64, arc_length: f64) {
@@ -179,6 +183,7 @@ impl Course {
         let more = !self.is_last_section();
         if more {
             self.section += 1;
+            self.clearance = None;
             let first = self.sections[self.section].first;
             self.segment = first;
             self.progress = self.arc_lengths[first];
