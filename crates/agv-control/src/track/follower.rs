@@ -90,6 +90,8 @@ pub struct Follower<S> {
     /// Whether the vehicle is turning on the spot: it goes on until it is well aligned.
     turning: bool,
     response: Response,
+    /// Limits that were checked, and that the profile was made for.
+    planned_for: Option<MotionLimits>,
 }
 
 /// Share of the deceleration that a stop is planned with: the rest mends what noise and lag make of it. At the full one a
@@ -117,7 +119,15 @@ impl<S: Steering> Follower<S> {
         check::in_range("max_yaw_slip", params.max_yaw_slip, 0.0, 0.5)?;
         let course = Course::new(params.bend_window);
         let response = Response::new(params.response_time, params.max_yaw_slip);
-        Ok(Self { params, course, profile: SpeedProfile::default(), steering, turning: false, response })
+        Ok(Self {
+            params,
+            course,
+            profile: SpeedProfile::default(),
+            steering,
+            turning: false,
+            response,
+            planned_for: None,
+        })
     }
 
     /// The path as the tracker sees it.
@@ -250,7 +260,7 @@ fn in_gear(twist: &Twist2, gear: Gear) -> Twist2 {
 impl<S: Steering> PathTracker for Follower<S> {
     fn set_path(&mut self, path: &Path) -> Result<(), TrackError> {
         self.course.set(path)?;
-        self.profile.reset();
+        self.planned_for = None;
         self.steering.reset();
         self.turning = false;
         Ok(())
@@ -258,12 +268,14 @@ impl<S: Steering> PathTracker for Follower<S> {
 
     fn command(&mut self, state: &VehicleState, limits: &MotionLimits, dt: f64) -> Result<TrackCommand, TrackError> {
         state.validate()?;
-        limits.validate()?;
         check::positive("dt", dt)?;
-
+        if self.planned_for.as_ref() != Some(limits) {
+            limits.validate()?;
+            let lateral = limits.lateral_acceleration.unwrap_or(f64::INFINITY).min(self.params.lateral_acceleration);
+            self.profile.update(&self.course, &MotionLimits { lateral_acceleration: Some(lateral), ..*limits });
+            self.planned_for = Some(*limits);
+        }
         let p = &self.params;
-        let lateral = limits.lateral_acceleration.unwrap_or(f64::INFINITY).min(p.lateral_acceleration);
-        self.profile.update(&self.course, &MotionLimits { lateral_acceleration: Some(lateral), ..*limits });
         // Far enough ahead that a fast vehicle is found again, near enough that a crossing branch is not.
         let reach = 4.0 * limits.twist.forward_speed.max(limits.twist.reverse_speed) * dt + p.max_cross_track;
         let pose = state.map_from_base;
