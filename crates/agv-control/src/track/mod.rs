@@ -5,18 +5,28 @@
 //! the [`Steering`] law:
 //!
 //! - [`PurePursuit`]: an arc to a point ahead (Coulter 1992; regulated as Macenski et al. 2023).
+//! - [`Lqr`]: optimal feedback of a filtered state, and the turn rate of the bend ahead.
 //! - [`PidTracker`]: cross-track and heading errors in cascade (paper 000, section 3).
 
 mod course;
+mod errors;
 mod follower;
+mod lateral;
+mod lqr;
+mod observer;
 mod pid;
 mod pure_pursuit;
+mod riccati;
 mod speed;
 mod steering;
 
 pub use course::{Course, Leg, Projection};
 pub use follower::{Follower, FollowerParams};
+pub use lateral::TrackingWeights;
+pub use lqr::{Lqr, LqrParams, LqrSteering};
+pub use observer::ObserverParams;
 pub use pid::{PidSteering, PidTracker, PidTrackerParams};
 pub use pure_pursuit::{PurePursuit, PurePursuitParams, PurePursuitSteering};
+pub use riccati::{Regulator, riccati};
 pub use speed::SpeedProfile;
 pub use steering::{Steering, SteeringInput};
