@@ -1,6 +1,6 @@
 //! What the optimal trackers must reach on a vehicle that lags, slips and is localised with noise.
 
-use agv_control::track::{Lqr, LqrParams};
+use agv_control::track::{Lqr, LqrParams, Mpc, MpcParams};
 use agv_core::{
     compute::Seed,
     geometry::{Se2, Twist2},
@@ -79,7 +79,9 @@ fn drive(tracker: &mut dyn PathTracker, path: &Path, seed: u64) -> Option<(f64, 
         // To the nearest segment from the last one on: the path crosses itself.
         let distance = |k: usize| {
             let (a, b) = (points[k].pose.translation(), points[k + 1].pose.translation());
-            let share = ((pose.translation() - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
+            // How far it rolls on at the end is another matter.
+            let last = if k + 2 == points.len() { f64::INFINITY } else { 1.0 };
+            let share = ((pose.translation() - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, last);
             (pose.translation() - a - (b - a) * share).norm()
         };
         let window = nearest..(nearest + 40).min(points.len() - 1);
@@ -95,15 +97,20 @@ fn drive(tracker: &mut dyn PathTracker, path: &Path, seed: u64) -> Option<(f64, 
     None
 }
 
-#[test]
-fn figures() {
+fn figure(name: &str, tracker: &mut dyn PathTracker, seeds: u64) {
     for (on, path) in [("eight", eight()), ("aisle", aisle())] {
-        let runs: Vec<_> =
-            (0..20).map(|seed| drive(&mut Lqr::new(LqrParams::default()).unwrap(), &path, seed)).collect();
+        let runs: Vec<_> = (0..seeds).map(|seed| drive(tracker, &path, seed)).collect();
         let good: Vec<_> = runs.iter().flatten().collect();
         let mean = good.iter().map(|r| r.0).sum::<f64>() / good.len() as f64;
         let worst = good.iter().map(|r| r.0).fold(0.0, f64::max);
         let max = good.iter().map(|r| r.1).fold(0.0, f64::max);
-        println!("lqr {on}: {} of {}, rmse mean {mean:.4} worst {worst:.4}, max {max:.4}", good.len(), runs.len());
+        println!("{name} {on}: {} of {}, rmse mean {mean:.4} worst {worst:.4}, max {max:.4}", good.len(), runs.len());
     }
+}
+
+#[test]
+fn figures() {
+    let seeds = std::env::var("SEEDS").map_or(5, |s| s.parse().unwrap());
+    figure("lqr", &mut Lqr::new(LqrParams::default()).unwrap(), seeds);
+    figure("mpc", &mut Mpc::new(MpcParams::default()).unwrap(), seeds);
 }

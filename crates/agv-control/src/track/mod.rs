@@ -6,6 +6,7 @@
 //!
 //! - [`PurePursuit`]: an arc to a point ahead (Coulter 1992; regulated as Macenski et al. 2023).
 //! - [`Lqr`]: optimal feedback of a filtered state, and the turn rate of the bend ahead.
+//! - [`Mpc`]: a horizon of inputs within the limits, planned anew each cycle.
 //! - [`PidTracker`]: cross-track and heading errors in cascade (paper 000, section 3).
 
 mod course;
@@ -13,6 +14,7 @@ mod errors;
 mod follower;
 mod lateral;
 mod lqr;
+mod mpc;
 mod observer;
 mod pid;
 mod pure_pursuit;
@@ -24,6 +26,7 @@ pub use course::{Course, Leg, Projection};
 pub use follower::{Follower, FollowerParams};
 pub use lateral::TrackingWeights;
 pub use lqr::{Lqr, LqrParams, LqrSteering};
+pub use mpc::{Mpc, MpcParams, MpcReport, MpcSource, MpcSteering};
 pub use observer::ObserverParams;
 pub use pid::{PidSteering, PidTracker, PidTrackerParams};
 pub use pure_pursuit::{PurePursuit, PurePursuitParams, PurePursuitSteering};
