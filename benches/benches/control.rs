@@ -2,7 +2,7 @@
 
 use agv_control::{
     pid::{Pid, PidParams},
-    track::{PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams},
+    track::{Lqr, LqrParams, Mpc, MpcParams, PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams},
 };
 use agv_core::{
     geometry::Twist2,
@@ -65,5 +65,38 @@ fn trackers(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, pid, trackers);
+/// The optimal trackers on an S with aisle corners, where limits bind: a whole drive, per command.
+fn optimal(c: &mut Criterion) {
+    const CYCLES: u32 = 200;
+    let positions: Vec<_> =
+        (0..400).map(|i| 0.02 * f64::from(i)).map(|s| Vector2::new(s, 0.6 * (1.0 - (2.0 * s).cos()))).collect();
+    let path = Path::from_positions(&positions).expect("finite");
+    let limits = MotionLimits::default();
+    let start = VehicleState::new(path.points()[0].pose, Twist2::ZERO);
+    let drive = |tracker: &mut dyn PathTracker| {
+        let mut state = start;
+        for _ in 0..CYCLES {
+            let command = tracker.command(&state, &limits, 0.02).expect("good state");
+            state = state.after(&command.motion, 0.02);
+        }
+        state
+    };
+    let mut group = c.benchmark_group("track/optimal");
+    group.throughput(Throughput::Elements(u64::from(CYCLES)));
+    let mut lqr = Lqr::new(LqrParams::default()).expect("good parameters");
+    lqr.set_path(&path).expect("a path");
+    group.bench_function("lqr", |b| {
+        b.iter_batched_ref(|| lqr.clone(), |tracker| drive(tracker), BatchSize::SmallInput);
+    });
+    for horizon in [10, 20, 30] {
+        let mut mpc = Mpc::new(MpcParams { horizon, ..MpcParams::default() }).expect("good parameters");
+        mpc.set_path(&path).expect("a path");
+        group.bench_function(format!("mpc/{horizon}"), |b| {
+            b.iter_batched_ref(|| mpc.clone(), |tracker| drive(tracker), BatchSize::SmallInput);
+        });
+    }
+    group.finish();
+}
+
+criterion_group!(benches, pid, trackers, optimal);
 criterion_main!(benches);

@@ -34,7 +34,7 @@ pub struct LqrParams {
     pub max_speed: f64,
     /// Greatest angle at which the path is approached, in radians.
     pub max_approach: f64,
-    /// How well pose and drives are known, and how they lag.
+    /// How well poses and the floor are known.
     pub observer: ObserverParams,
     /// What all trackers share.
     pub follower: FollowerParams,
@@ -74,8 +74,9 @@ impl Lqr {
     /// The first parameter that is out of its range; [`Error::NotStabilisable`] for weights too far apart for the numbers.
     pub fn new(params: LqrParams) -> Result<Self, Error> {
         check::in_range("max_approach", params.max_approach, 0.01, std::f64::consts::FRAC_PI_2)?;
-        let observer = Observer::new(params.observer)?;
-        let table = LateralTable::new(&params.weights, params.observer.lag, params.period, params.max_speed)?;
+        let lag = check::non_negative("response_time", params.follower.response_time)?;
+        let observer = Observer::new(params.observer, lag)?;
+        let table = LateralTable::new(&params.weights, lag, params.period, params.max_speed)?;
         Ok(Self::with_steering(params.follower, LqrSteering { params, table, observer, integral: 0.0 })?)
     }
 }
@@ -91,7 +92,7 @@ impl Steering for LqrSteering {
         let farthest = if gain[0] > 0.0 { p.max_approach * gain[1] / gain[0] } else { f64::INFINITY };
         let y = errors.cross_track.clamp(-farthest, farthest);
         let excess = errors.slip * errors.actual.yaw_rate - speed * curvature(input.course, here);
-        let preview = here + speed * (p.observer.lag + 0.5 * input.dt);
+        let preview = here + speed * (p.follower.response_time + 0.5 * input.dt);
         let feedback = (gain * Vector4::new(y, errors.heading, excess, self.integral))[0];
         let wanted = (told * curvature(input.course, preview) - feedback) / errors.slip;
         let twist = reachable(input, told, wanted);
@@ -115,14 +116,17 @@ mod tests {
     #[test]
     fn bad_parameters_are_named() {
         let good = LqrParams::default();
-        let observer = |lag, position_drift| ObserverParams { lag, position_drift, ..good.observer };
         for (name, params) in [
             ("max_approach", LqrParams { max_approach: 2.0, ..good }),
             ("period", LqrParams { period: f64::NAN, ..good }),
             ("max_speed", LqrParams { max_speed: 0.0, ..good }),
             ("cross_track", LqrParams { weights: TrackingWeights { cross_track: 0.0, ..good.weights }, ..good }),
-            ("lag", LqrParams { observer: observer(-1.0, 0.1), ..good }),
-            ("position_drift", LqrParams { observer: observer(0.1, 0.0), ..good }),
+            (
+                "position_noise",
+                LqrParams { observer: ObserverParams { position_noise: -0.1, ..good.observer }, ..good },
+            ),
+            ("position_drift", LqrParams { observer: ObserverParams { position_drift: 0.0, ..good.observer }, ..good }),
+            ("response_time", LqrParams { follower: FollowerParams { response_time: -0.1, ..good.follower }, ..good }),
             ("bend_window", LqrParams { follower: FollowerParams { bend_window: 0.0, ..good.follower }, ..good }),
         ] {
             assert!(Lqr::new(params).unwrap_err().to_string().starts_with(name), "{name}");

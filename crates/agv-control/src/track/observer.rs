@@ -25,9 +25,6 @@ use nalgebra::{Matrix3, Matrix4, SMatrix, Vector4};
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ObserverParams {
-    /// Time constant with which speed, turn rate and steering angle follow their commands, in seconds; zero if the twist of the
-    /// vehicle's state is what the vehicle does.
-    pub lag: f64,
     /// Standard deviation of a measured position, in metres along each axis; zero to take poses as they are.
     pub position_noise: f64,
     /// Standard deviation of a measured heading, in radians.
@@ -41,23 +38,15 @@ pub struct ObserverParams {
 }
 
 impl Default for ObserverParams {
-    /// A localizer with 1 cm and half a degree, drives that lag by 0.15 s, and a floor whose slip changes by a percent within a few
-    /// seconds: the filter then averages over about a second.
+    /// A localizer with 1 cm and half a degree, and a floor whose slip changes by a percent within a few seconds: the filter then
+    /// averages over about a second.
     fn default() -> Self {
-        Self {
-            lag: 0.15,
-            position_noise: 0.01,
-            yaw_noise: 0.0087,
-            position_drift: 0.005,
-            yaw_drift: 0.01,
-            slip_drift: 0.005,
-        }
+        Self { position_noise: 0.01, yaw_noise: 0.0087, position_drift: 0.005, yaw_drift: 0.01, slip_drift: 0.005 }
     }
 }
 
 impl ObserverParams {
     pub(super) fn validate(&self) -> Result<(), Error> {
-        check::non_negative("lag", self.lag)?;
         check::non_negative("position_noise", self.position_noise)?;
         check::non_negative("yaw_noise", self.yaw_noise)?;
         check::positive("position_drift", self.position_drift)?;
@@ -77,6 +66,8 @@ const GATE: f64 = 5.0;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Observer {
     params: ObserverParams,
+    /// Time constant with which the drives follow their commands, in seconds.
+    lag: f64,
     pose: Option<Se2>,
     /// What the vehicle does, as its wheels have it.
     actual: Motion,
@@ -86,9 +77,9 @@ pub(super) struct Observer {
 }
 
 impl Observer {
-    pub(super) fn new(params: ObserverParams) -> Result<Self, Error> {
+    pub(super) fn new(params: ObserverParams, lag: f64) -> Result<Self, Error> {
         params.validate()?;
-        Ok(Self { params, pose: None, actual: Motion::REST, slip: 1.0, covariance: Matrix4::zeros() })
+        Ok(Self { params, lag, pose: None, actual: Motion::REST, slip: 1.0, covariance: Matrix4::zeros() })
     }
 
     /// Forgets the pose; the slip is the floor's, and stays.
@@ -110,8 +101,8 @@ impl Observer {
             return (measured, self.actual);
         };
         // The mean over the step, exactly.
-        let kept = if p.lag > 0.0 { (-dt / p.lag).exp() } else { 0.0 };
-        let early = p.lag * (1.0 - kept) / dt;
+        let kept = if self.lag > 0.0 { (-dt / self.lag).exp() } else { 0.0 };
+        let early = self.lag * (1.0 - kept) / dt;
         let mean = |was: f64, command: f64| command + (was - command) * early;
         let next = |was: f64, command: f64| command + (was - command) * kept;
         let (was, told) = (self.actual.twist, state.twist);
@@ -172,7 +163,7 @@ mod tests {
     #[test]
     fn lag_slip_and_noise_are_seen_through() {
         let (dt, lag, slip) = (0.02, 0.15, 0.97);
-        let mut observer = Observer::new(ObserverParams::default()).unwrap();
+        let mut observer = Observer::new(ObserverParams::default(), 0.15).unwrap();
         let mut stream = Seed(3).stream(0, 0);
         let mut noise = |sigma: f64| -> f64 { sigma * Distribution::<f64>::sample(&StandardNormal, &mut stream) };
         let (mut pose, mut actual, mut command) = (Se2::default(), Twist2::ZERO, Twist2::ZERO);
@@ -201,7 +192,7 @@ mod tests {
 
     #[test]
     fn a_jump_is_a_new_beginning() {
-        let mut observer = Observer::new(ObserverParams::default()).unwrap();
+        let mut observer = Observer::new(ObserverParams::default(), 0.15).unwrap();
         for _ in 0..20 {
             observer.update(&VehicleState::default(), 0.02);
         }
@@ -212,7 +203,7 @@ mod tests {
     #[test]
     fn without_noise_poses_are_taken_as_they_are() {
         let params = ObserverParams { position_noise: 0.0, yaw_noise: 0.0, ..ObserverParams::default() };
-        let mut observer = Observer::new(params).unwrap();
+        let mut observer = Observer::new(params, 0.15).unwrap();
         for k in 0..20 {
             let there = Se2::new(0.001 * f64::from(k), 0.0, 0.0);
             let (pose, _) = observer.update(&VehicleState::new(there, Twist2::new(0.05, 0.0, 0.0)), 0.02);

@@ -54,7 +54,7 @@ pub struct MpcParams {
     pub max_speed: f64,
     /// Most iterations of the solver in one cycle.
     pub max_iterations: usize,
-    /// How well pose and drives are known, and how they lag.
+    /// How well poses and the floor are known.
     pub observer: ObserverParams,
     /// What all trackers share.
     pub follower: FollowerParams,
@@ -133,15 +133,16 @@ impl Mpc {
         check::positive("sideways_worth", params.sideways_worth)?;
         check::in_range("horizon", params.horizon as f64, 2.0, MOST_STEPS as f64)?;
         check::positive("step", params.step)?;
-        let observer = Observer::new(params.observer)?;
-        let table = LateralTable::new(&params.weights, params.observer.lag, params.step, params.max_speed)?;
+        let lag = check::non_negative("response_time", params.follower.response_time)?;
+        let observer = Observer::new(params.observer, lag)?;
+        let table = LateralTable::new(&params.weights, lag, params.step, params.max_speed)?;
         let solver = QuadraticParams { max_iterations: params.max_iterations, ..QuadraticParams::default() };
         let programme = |inputs| Programme::new(inputs, params.horizon, solver);
         let steering = MpcSteering {
             params,
             table,
             observer,
-            sampled: Sampled::new(params.observer.lag, params.step),
+            sampled: Sampled::new(lag, params.step),
             stages: vec![Stage::default(); params.horizon],
             programmes: [programme(2)?, programme(3)?],
             plan: vec![0.0; 3 * params.horizon],
@@ -162,13 +163,13 @@ impl MpcSteering {
 
     /// Where the vehicle will be if it drives as fast as planned, stage by stage.
     fn set_stages(&mut self, input: &SteeringInput<'_>, errors: &TrackingErrors, turn: &Turn) {
-        let (lag, limits) = (self.params.observer.lag, &input.limits.twist);
+        let (lag, limits) = (self.params.follower.response_time, &input.limits.twist);
         let (dt, once) = (self.sampled.dt, self.sampled.once);
         let (mut s, mut actual, mut told) = (errors.arc_length, errors.actual.vx, input.twist.vx);
         let course = input.course;
         for (k, stage) in self.stages.iter_mut().enumerate() {
             let time = if k == 0 { input.dt } else { dt };
-            let wanted = planned_speed(input, s, dt + self.params.follower.response_time);
+            let wanted = planned_speed(input, s, dt + lag);
             let wanted = if k == 0 { wanted.min(input.speed) } else { wanted };
             let rise = if told < 0.0 { limits.deceleration } else { limits.acceleration };
             told = wanted.clamp(told - limits.deceleration * time, told + rise * time);
@@ -234,7 +235,7 @@ impl Steering for MpcSteering {
             };
             (-most, most)
         });
-        let [side, heading, rate] = p.weights.costs(0.0);
+        let [side, heading, _] = p.weights.costs(LEAST_SPEED);
         let end = stages.last().map_or(0.0, |stage| stage.speed);
         let costs = Costs { side, heading, terminal: self.table.cost(end) };
         let turn_now = match turn {
@@ -247,12 +248,12 @@ impl Steering for MpcSteering {
             0 => (worth(p.speed_worth), stage.inputs[0]),
             1 => {
                 // As the regulator weighs it, per turn rate of the vehicle.
-                let speed = stage.speed.max(LEAST_SPEED);
+                let [.., rate] = p.weights.costs(stage.speed);
                 let share = match turn {
                     Turn::Rate => stage.turn,
                     Turn::Angle { .. } => stage.turn.abs().max(errors.slip * LEAST_SPEED),
                 };
-                (rate * (LEAST_SPEED / speed * share).powi(2), stage.inputs[1])
+                (rate * share * share, stage.inputs[1])
             }
             _ => (worth(p.sideways_worth), 0.0),
         });
@@ -287,7 +288,8 @@ mod tests {
             ("step", MpcParams { step: 0.0, ..good }),
             ("max_speed", MpcParams { max_speed: f64::NAN, ..good }),
             ("heading", MpcParams { weights: TrackingWeights { heading: 0.0, ..good.weights }, ..good }),
-            ("lag", MpcParams { observer: ObserverParams { lag: f64::NAN, ..good.observer }, ..good }),
+            ("yaw_noise", MpcParams { observer: ObserverParams { yaw_noise: f64::NAN, ..good.observer }, ..good }),
+            ("response_time", MpcParams { follower: FollowerParams { response_time: -0.1, ..good.follower }, ..good }),
             ("bend_window", MpcParams { follower: FollowerParams { bend_window: 0.0, ..good.follower }, ..good }),
         ] {
             assert!(Mpc::new(params).unwrap_err().to_string().starts_with(name), "{name}");

@@ -10,7 +10,7 @@
 
 use super::{
     super::lateral::Sampled,
-    stage::{DRIVES, HEADING, SIDE, Stage, State},
+    stage::{HEADING, SIDE, Stage, State},
 };
 use agv_core::{
     Error,
