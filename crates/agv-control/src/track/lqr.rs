@@ -19,8 +19,7 @@ use super::{
     steering::{Steering, SteeringInput},
 };
 use crate::Error;
-use agv_core::{check, geometry::Twist2, roles::TrackError};
-use nalgebra::Vector4;
+use agv_core::{check, geometry::Twist2, kinematics::stopping_speed, roles::TrackError};
 
 /// Parameters of [`Lqr`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -88,17 +87,25 @@ impl Steering for LqrSteering {
         let (here, speed) = (errors.arc_length, errors.actual.vx.max(0.0));
         let told = reachable_speed(input, input.speed);
         let gain = self.table.gain(speed);
-        // Far from the path the feedback's direction of approach, K₁ y / K₂, would turn back on itself.
-        let farthest = if gain[0] > 0.0 { p.max_approach * gain[1] / gain[0] } else { f64::INFINITY };
-        let y = errors.cross_track.clamp(-farthest, farthest);
+        // The feedback turns to a direction of approach, K₁ y / K₂; far from the path that would turn back on itself.
+        let approach = if gain[1] > 0.0 { gain[0] * errors.cross_track / gain[1] } else { 0.0 };
+        let toward = approach.clamp(-p.max_approach, p.max_approach);
+        let angle = errors.heading + toward;
+        // And a turn that the yaw acceleration cannot end in time would swing past it.
+        let braking = BRAKING_SHARE * input.limits.twist.yaw_acceleration;
+        let stoppable = if input.limits.steering.is_some() {
+            f64::INFINITY
+        } else {
+            stopping_speed(angle.abs(), braking, input.dt)
+        };
         let excess = errors.slip * errors.actual.yaw_rate - speed * curvature(input.course, here);
         let preview = here + speed * (p.follower.response_time + 0.5 * input.dt);
-        let feedback = (gain * Vector4::new(y, errors.heading, excess, self.integral))[0];
+        let feedback = (gain[1] * angle).clamp(-stoppable, stoppable) + gain[2] * excess + gain[3] * self.integral;
         let wanted = (told * curvature(input.course, preview) - feedback) / errors.slip;
         let twist = reachable(input, told, wanted);
         // Integrates only what the vehicle can act on.
-        if p.weights.integral.is_finite() && twist.yaw_rate == wanted && y == errors.cross_track {
-            self.integral += y * input.dt;
+        if p.weights.integral.is_finite() && twist.yaw_rate == wanted && toward == approach {
+            self.integral += errors.cross_track * input.dt;
         }
         Ok(twist)
     }
@@ -108,6 +115,9 @@ impl Steering for LqrSteering {
         self.integral = 0.0;
     }
 }
+
+/// Share of the yaw acceleration that ending a turn may take; the rest is there for the lag of the drives.
+const BRAKING_SHARE: f64 = 0.5;
 
 #[cfg(test)]
 mod tests {
