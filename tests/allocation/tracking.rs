@@ -3,7 +3,7 @@
 use crate::counter;
 use agv_nav::control::{
     pid::{Pid, PidParams},
-    track::{PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams},
+    track::{PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams, Stanley, StanleyParams},
 };
 use agv_nav::core::{
     geometry::Twist2,
@@ -29,8 +29,9 @@ fn pid() {
 fn trackers() {
     let corner: Vec<_> = [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.5, 2.5)].map(|(x, y)| Vector2::new(x, y)).to_vec();
     let (path, limits) = (Path::from_positions(&corner).unwrap(), MotionLimits::default());
-    let trackers: [Box<dyn PathTracker>; 2] = [
+    let trackers: [Box<dyn PathTracker>; 3] = [
         Box::new(PurePursuit::new(PurePursuitParams::default()).unwrap()),
+        Box::new(Stanley::new(StanleyParams::default()).unwrap()),
         Box::new(PidTracker::new(PidTrackerParams::default()).unwrap()),
     ];
     for mut tracker in trackers {

@@ -77,7 +77,8 @@ impl VehicleState {
     /// [`Error::NotFinite`](crate::Error::NotFinite) names the part that is not.
     pub fn validate(&self) -> Result<(), Error> {
         let (pose, twist) = (self.map_from_base, self.twist);
-        check::all_finite("map_from_base", &[pose.x(), pose.y(), pose.yaw()])?;
+        let heading = pose.rotation();
+        check::all_finite("map_from_base", &[pose.x(), pose.y(), heading.cos(), heading.sin()])?;
         check::all_finite("twist", &[twist.vx, twist.vy, twist.yaw_rate])?;
         check::all_finite("steering", self.steering.iter())
     }
