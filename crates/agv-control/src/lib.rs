@@ -33,5 +33,8 @@
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod error;
 pub mod pid;
 pub mod track;
+
+pub use error::Error;
