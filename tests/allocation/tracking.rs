@@ -3,7 +3,10 @@
 use crate::counter;
 use agv_nav::control::{
     pid::{Pid, PidParams},
-    track::{Lqr, LqrParams, Mpc, MpcParams, PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams},
+    track::{
+        Lqr, LqrParams, Mpc, MpcParams, PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams, Stanley,
+        StanleyParams,
+    },
 };
 use agv_nav::core::{
     geometry::Twist2,
@@ -29,8 +32,9 @@ fn pid() {
 fn trackers() {
     let corner: Vec<_> = [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.5, 2.5)].map(|(x, y)| Vector2::new(x, y)).to_vec();
     let (path, limits) = (Path::from_positions(&corner).unwrap(), MotionLimits::default());
-    let trackers: [Box<dyn PathTracker>; 4] = [
+    let trackers: [Box<dyn PathTracker>; 5] = [
         Box::new(PurePursuit::new(PurePursuitParams::default()).unwrap()),
+        Box::new(Stanley::new(StanleyParams::default()).unwrap()),
         Box::new(Lqr::new(LqrParams::default()).unwrap()),
         Box::new(Mpc::new(MpcParams::default()).unwrap()),
         Box::new(PidTracker::new(PidTrackerParams::default()).unwrap()),

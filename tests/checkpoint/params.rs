@@ -76,6 +76,7 @@ table! {
     control::track::FollowerParams,
     control::track::PidTrackerParams,
     control::track::PurePursuitParams,
+    control::track::StanleyParams,
     filters::particle::LikelihoodFieldModelParams,
     filters::particle::MclParams,
     filters::particle::OdometryNoise,

@@ -137,7 +137,7 @@ fn hundred_seeds() {
 /// Far from all limits the horizon's first step is the regulator's: the cost to go makes it endless.
 #[test]
 fn without_limits_both_are_one() {
-    let follower = FollowerParams { turn_in_place: 3.0, ..FollowerParams::default() };
+    let follower = FollowerParams { turn_in_place: 3.0, max_yaw_slip: 0.0, ..FollowerParams::default() };
     let twist = TwistLimits { yaw_rate: 50.0, yaw_acceleration: 1e4, ..TwistLimits::default() };
     // 1 m/s is one of the speeds that gains are computed for.
     let mut lqr = Lqr::new(LqrParams { period: 0.05, max_speed: 1.9, follower, ..LqrParams::default() }).unwrap();
@@ -180,7 +180,7 @@ fn comes_back(tracker: &mut dyn PathTracker) -> (f64, f64) {
 
 #[test]
 fn a_horizon_knows_where_the_yaw_acceleration_ends() {
-    let follower = FollowerParams { response_time: 0.0, ..FollowerParams::default() };
+    let follower = FollowerParams { response_time: 0.0, max_yaw_slip: 0.0, ..FollowerParams::default() };
     let exact = ObserverParams { position_noise: 0.0, yaw_noise: 0.0, ..ObserverParams::default() };
     let mut lqr = Lqr::new(LqrParams { observer: exact, follower, ..LqrParams::default() }).unwrap();
     let mut mpc = Mpc::new(MpcParams { observer: exact, follower, horizon: 40, ..MpcParams::default() }).unwrap();

@@ -14,7 +14,7 @@
 use super::{
     errors::{TrackingErrors, curvature, reachable, reachable_speed},
     follower::{Follower, FollowerParams},
-    lateral::{LateralTable, TrackingWeights},
+    lateral::{LEAST_SPEED, LateralTable, TrackingWeights},
     observer::{Observer, ObserverParams},
     steering::{Steering, SteeringInput},
 };
@@ -48,7 +48,7 @@ impl Default for LqrParams {
             max_speed: 2.0,
             max_approach: 0.7,
             observer: ObserverParams::default(),
-            follower: FollowerParams { bend_window: 0.2, ..FollowerParams::default() },
+            follower: FollowerParams { bend_window: 0.2, max_yaw_slip: 0.0, ..FollowerParams::default() },
         }
     }
 }
@@ -87,24 +87,20 @@ impl Steering for LqrSteering {
         let (here, speed) = (errors.arc_length, errors.actual.vx.max(0.0));
         let told = reachable_speed(input, input.speed);
         let gain = self.table.gain(speed);
-        // The feedback turns to a direction of approach, K₁ y / K₂; far from the path that would turn back on itself.
-        let approach = if gain[1] > 0.0 { gain[0] * errors.cross_track / gain[1] } else { 0.0 };
-        let toward = approach.clamp(-p.max_approach, p.max_approach);
-        let angle = errors.heading + toward;
-        // And a turn that the yaw acceleration cannot end in time would swing past it.
-        let braking = BRAKING_SHARE * input.limits.twist.yaw_acceleration;
-        let stoppable = if input.limits.steering.is_some() {
-            f64::INFINITY
-        } else {
-            stopping_speed(angle.abs(), braking, input.dt)
-        };
+        // The feedback turns to a direction of approach, K₁ y / K₂, no steeper than the vehicle can turn out of again.
+        let turning = turning_acceleration(input, speed);
+        let linear = if gain[1] > 0.0 { gain[0] * errors.cross_track / gain[1] } else { 0.0 };
+        let most = steepest_approach(errors.cross_track, speed, turning).min(p.max_approach);
+        let approach = linear.clamp(-most, most);
+        let angle = errors.heading + approach;
+        let stoppable = stopping_speed(angle.abs(), BRAKING_SHARE * turning, input.dt);
         let excess = errors.slip * errors.actual.yaw_rate - speed * curvature(input.course, here);
         let preview = here + speed * (p.follower.response_time + 0.5 * input.dt);
         let feedback = (gain[1] * angle).clamp(-stoppable, stoppable) + gain[2] * excess + gain[3] * self.integral;
         let wanted = (told * curvature(input.course, preview) - feedback) / errors.slip;
         let twist = reachable(input, told, wanted);
         // Integrates only what the vehicle can act on.
-        if p.weights.integral.is_finite() && twist.yaw_rate == wanted && toward == approach {
+        if p.weights.integral.is_finite() && twist.yaw_rate == wanted && approach == linear {
             self.integral += errors.cross_track * input.dt;
         }
         Ok(twist)
@@ -118,6 +114,28 @@ impl Steering for LqrSteering {
 
 /// Share of the yaw acceleration that ending a turn may take; the rest is there for the lag of the drives.
 const BRAKING_SHARE: f64 = 0.5;
+
+/// Share of it that coming back to the path may take: turning in, turning out, and mending what noise makes of it.
+const APPROACH_SHARE: f64 = 0.25;
+
+/// How fast the turn rate can change at a speed, in radians per second squared.
+fn turning_acceleration(input: &SteeringInput<'_>, speed: f64) -> f64 {
+    match &input.limits.steering {
+        Some(steering) => speed.max(LEAST_SPEED) * steering.max_rate / steering.wheelbase,
+        None => input.limits.twist.yaw_acceleration,
+    }
+}
+
+/// Steepest angle at the distance `y` from which the vehicle can turn to the path at a steady change `a` of its turn rate: from
+/// `θ = a t²/2` and `y = v a t³/6`, `θ = a/2 (6 y / (v a))^(2/3)`.
+fn steepest_approach(y: f64, speed: f64, turning: f64) -> f64 {
+    let change = APPROACH_SHARE * turning;
+    if speed * change <= 0.0 {
+        return f64::INFINITY; // without speed there is no feedback
+    }
+    let time = (6.0 * y.abs() / (speed * change)).cbrt();
+    0.5 * change * time * time
+}
 
 #[cfg(test)]
 mod tests {

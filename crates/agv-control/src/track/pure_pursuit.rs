@@ -11,11 +11,7 @@ use super::{
     follower::{Follower, FollowerParams},
     steering::{Steering, SteeringInput},
 };
-use agv_core::{
-    Error, check,
-    geometry::{LieGroup, Twist2},
-    roles::TrackError,
-};
+use agv_core::{Error, check, geometry::Twist2, roles::TrackError};
 
 /// Parameters of [`PurePursuit`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,13 +61,19 @@ impl PurePursuit {
 impl Steering for PurePursuitSteering {
     fn twist(&mut self, input: &SteeringInput<'_>) -> Result<Twist2, TrackError> {
         let p = &self.params;
-        let ahead = (p.look_ahead_time * input.speed).max(steerable_look_ahead(input));
-        let ahead = ahead.clamp(p.look_ahead_min, p.look_ahead_max);
-        let (target, _) = input.course.point_at(input.projection.arc_length + ahead).ok_or(TrackError::NoPath)?;
-        let in_base = input.heading.inverse().act(&(target - input.position));
-        // At the target itself every arc leads there: go straight.
-        let square = in_base.norm_squared().max(f64::MIN_POSITIVE);
-        Ok(Twist2::new(input.speed, 0.0, input.speed * 2.0 * in_base.y / square))
+        let ahead = (p.look_ahead_time * input.speed).clamp(p.look_ahead_min, p.look_ahead_max);
+        let ahead = steerable_look_ahead(input, ahead).min(p.look_ahead_max);
+        let predicted = input.predicted()?;
+        let (error, heading_error) = (predicted.cross_track, predicted.heading_error);
+        if let Some(facing) = input.facing {
+            // Any way is open to it: the one to the point.
+            return input.sideways(facing, &predicted, -(error / ahead).atan());
+        }
+        // The point lies at (ahead, 0) along the path, the vehicle at (0, error).
+        let (sin, cos) = heading_error.sin_cos();
+        let aside = -error * cos - ahead * sin;
+        let curvature = 2.0 * aside / (ahead * ahead + error * error);
+        Ok(Twist2::new(input.speed, 0.0, input.speed * (predicted.curvature + curvature)))
     }
 
     fn reset(&mut self) {}
@@ -81,9 +83,12 @@ impl Steering for PurePursuitSteering {
 ///
 /// Near the path pure pursuit is an oscillator of frequency `√2 v / l`; an offset `y` then asks for `2√2 v² y / l³` of
 /// yaw acceleration, and a heading error `e` for `2√2 v² e / l²`.
-fn steerable_look_ahead(input: &SteeringInput<'_>) -> f64 {
+fn steerable_look_ahead(input: &SteeringInput<'_>, least: f64) -> f64 {
     let pull = 2.0 * std::f64::consts::SQRT_2 * input.speed * input.speed / input.limits.twist.yaw_acceleration;
-    (pull * input.projection.cross_track.abs()).cbrt().max((pull * input.heading_error.abs()).sqrt())
+    let (cube, square) = (pull * input.projection.cross_track.abs(), pull * input.heading_error.abs());
+    // Roots are slow, and seldom needed.
+    let ahead = if cube > least * least * least { cube.cbrt() } else { least };
+    if square > ahead * ahead { square.sqrt() } else { ahead }
 }
 
 #[cfg(test)]

@@ -82,13 +82,18 @@ impl TwistLimits {
     pub fn clamp(&self, twist: &Twist2) -> Result<Twist2, Error> {
         self.validate()?;
         finite_twist("twist", twist)?;
+        Ok(self.clamped(twist))
+    }
+
+    /// [`clamp`](Self::clamp) of values that were checked.
+    pub(super) fn clamped(&self, twist: &Twist2) -> Twist2 {
         let vy = if self.lateral_speed == 0.0 { 0.0 } else { twist.vy };
         let forward_or_back = if twist.vx < 0.0 { self.reverse_speed } else { self.forward_speed };
         let scale = [(twist.vx, forward_or_back), (vy, self.lateral_speed), (twist.yaw_rate, self.yaw_rate)]
             .iter()
             .filter(|(value, limit)| value.abs() > limit + TOLERANCE)
             .fold(1.0_f64, |scale, (value, limit)| scale.min(limit / value.abs()));
-        Ok(Twist2::new(scale * twist.vx, scale * vy, scale * twist.yaw_rate))
+        Twist2::new(scale * twist.vx, scale * vy, scale * twist.yaw_rate)
     }
 
     /// The twist after one time step from `current` towards `target`, within the limits of speed and acceleration.
@@ -106,10 +111,14 @@ impl TwistLimits {
     pub fn step(&self, current: &Twist2, target: &Twist2, dt: f64) -> Result<Twist2, Error> {
         finite_twist("current twist", current)?;
         check::non_negative("dt", dt)?;
-        let target = self.clamp(target)?;
-        let axes = self.axes(current, &target, dt);
+        Ok(self.stepped(current, &self.clamp(target)?, dt))
+    }
+
+    /// [`step`](Self::step) between values that were checked, to a target that was clamped.
+    pub(super) fn stepped(&self, current: &Twist2, target: &Twist2, dt: f64) -> Twist2 {
+        let axes = self.axes(current, target, dt);
         if axes.iter().all(Axis::reaches_target) {
-            return Ok(target);
+            return *target;
         }
         let along = [target.vx, target.vy, target.yaw_rate];
         let (least, greatest) = axes
@@ -117,7 +126,7 @@ impl TwistLimits {
             .zip(along)
             .map(|(axis, along)| axis.multiples(along))
             .fold((f64::NEG_INFINITY, f64::INFINITY), |(a, b), (c, d)| (a.max(c), b.min(d)));
-        let [vx, vy, yaw_rate] = if target != Twist2::ZERO && least <= greatest && least < f64::INFINITY {
+        let [vx, vy, yaw_rate] = if *target != Twist2::ZERO && least <= greatest && least < f64::INFINITY {
             let multiple = 1.0_f64.clamp(least, greatest);
             along.map(|along| multiple * along)
         } else {
@@ -126,7 +135,7 @@ impl TwistLimits {
         };
         // Also after the multiple, whose rounding may lead a hair out of reach.
         let [x, y, yaw] = axes;
-        Ok(Twist2::new(x.nearest(vx), y.nearest(vy), yaw.nearest(yaw_rate)))
+        Twist2::new(x.nearest(vx), y.nearest(vy), yaw.nearest(yaw_rate))
     }
 
     /// Whether the twist keeps to the speed limits, up to rounding.

@@ -133,8 +133,17 @@ impl MotionLimits {
     /// A twist that is not finite, and what [`validate`](Self::validate) says.
     pub fn clamp(&self, twist: &Twist2) -> Result<Twist2, Error> {
         self.validate()?;
+        finite_twist("twist", twist)?;
+        self.clamped(twist)
+    }
+
+    /// [`clamp`](Self::clamp) of values that were checked.
+    fn clamped(&self, twist: &Twist2) -> Result<Twist2, Error> {
         let steered = self.steering.map_or(Ok(*twist), |steering| steering.clamp(twist))?;
-        let slow = self.twist.clamp(&steered)?;
+        let slow = self.twist.clamped(&steered);
+        if self.lateral_acceleration.is_none() {
+            return Ok(slow);
+        }
         let sideways = slow.speed() * slow.yaw_rate.abs();
         let scale = match self.lateral_acceleration {
             Some(limit) if sideways > limit + TOLERANCE => (limit / sideways).sqrt(),
@@ -227,8 +236,8 @@ impl MotionLimits {
     }
 
     fn step_free(&self, current: &Motion, target: &Motion, dt: f64) -> Result<Motion, Error> {
-        let target = self.clamp(&target.twist)?;
-        let wanted = self.twist.step(&current.twist, &target, dt)?;
+        let target = self.clamped(&target.twist)?;
+        let wanted = self.twist.stepped(&current.twist, &target, dt);
         let Some(limit) = self.lateral_acceleration else { return Ok(wanted.into()) };
         let sideways = wanted.speed() * wanted.yaw_rate.abs();
         if sideways <= limit {
@@ -259,7 +268,7 @@ impl MotionLimits {
         target: &Motion,
         dt: f64,
     ) -> Result<Motion, Error> {
-        let wanted = self.clamp(&target.twist)?;
+        let wanted = self.clamped(&target.twist)?;
         let reach = Reach::new(self, steering, current, wanted.vx, dt);
         let angle = match target.steering {
             Some(angle) => angle,

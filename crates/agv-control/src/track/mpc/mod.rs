@@ -72,7 +72,7 @@ impl Default for MpcParams {
             max_speed: 2.0,
             max_iterations: 100,
             observer: ObserverParams::default(),
-            follower: FollowerParams { bend_window: 0.2, ..FollowerParams::default() },
+            follower: FollowerParams { bend_window: 0.2, max_yaw_slip: 0.0, ..FollowerParams::default() },
         }
     }
 }
