@@ -100,7 +100,7 @@ impl Steering for LqrSteering {
         let wanted = (told * curvature(input.course, preview) - feedback) / errors.slip;
         let twist = reachable(input, told, wanted);
         // Integrates only what the vehicle can act on.
-        if p.weights.integral.is_finite() && twist.yaw_rate == wanted && approach == linear {
+        if p.weights.integral.is_some() && twist.yaw_rate == wanted && approach == linear {
             self.integral += errors.cross_track * input.dt;
         }
         Ok(twist)
