@@ -5,7 +5,10 @@ use agv_control::{
     pid::{AntiWindup, Pid, PidParams, VelocityPid},
     plant::StandIn,
     step_response::PidGains,
-    track::{PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams, Stanley, StanleyParams},
+    track::{
+        Lqr, LqrParams, Mpc, MpcParams, PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams, Stanley,
+        StanleyParams,
+    },
 };
 use agv_core::{
     geometry::Twist2,
@@ -83,6 +86,11 @@ fn trackers(c: &mut Criterion) {
     follow(&mut group, "pure_pursuit", &path, PurePursuit::new(PurePursuitParams::default()).expect("good parameters"));
     follow(&mut group, "stanley", &path, Stanley::new(StanleyParams::default()).expect("good parameters"));
     follow(&mut group, "pid", &path, PidTracker::new(PidTrackerParams::default()).expect("good parameters"));
+    follow(&mut group, "lqr", &path, Lqr::new(LqrParams::default()).expect("good parameters"));
+    for horizon in [10, 20, 30] {
+        let mpc = Mpc::new(MpcParams { horizon, ..MpcParams::default() }).expect("good parameters");
+        follow(&mut group, &format!("mpc/{horizon}"), &path, mpc);
+    }
     group.finish();
 }
 

@@ -82,6 +82,8 @@ table! {
     control::track::FollowerParams,
     control::track::PidTrackerParams,
     control::track::PurePursuitParams,
+    control::track::LqrParams,
+    control::track::MpcParams,
     control::track::StanleyParams,
     filters::particle::LikelihoodFieldModelParams,
     filters::particle::MclParams,

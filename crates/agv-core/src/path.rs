@@ -1,5 +1,7 @@
 //! Paths: the poses that a planner hands to a tracker.
 
+pub mod shapes;
+
 use crate::{
     Error,
     geometry::{LieGroup, Se2},

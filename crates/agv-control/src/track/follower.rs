@@ -135,6 +135,11 @@ impl<S: Steering> Follower<S> {
         &self.course
     }
 
+    /// The steering law, for what it has to tell.
+    pub const fn steering(&self) -> &S {
+        &self.steering
+    }
+
     /// The greatest speed along the course, as of the last command.
     pub const fn profile(&self) -> &SpeedProfile {
         &self.profile
@@ -250,7 +255,7 @@ struct Cycle<'a> {
 }
 
 /// From the base frame to that of the leading end, and back.
-fn in_gear(twist: &Twist2, gear: Gear) -> Twist2 {
+pub(super) fn in_gear(twist: &Twist2, gear: Gear) -> Twist2 {
     match gear {
         Gear::Forward => *twist,
         Gear::Reverse => Twist2::new(-twist.vx, -twist.vy, twist.yaw_rate),
