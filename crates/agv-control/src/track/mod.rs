@@ -16,6 +16,7 @@ mod follower;
 mod pid;
 mod pure_pursuit;
 mod response;
+mod small_angle;
 mod speed;
 mod stanley;
 mod steering;

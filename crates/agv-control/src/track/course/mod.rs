@@ -3,6 +3,7 @@
 mod bends;
 mod projection;
 
+use super::small_angle;
 use agv_core::{
     geometry::{So2, angle_difference},
     path::{Gear, Path},
@@ -250,7 +251,7 @@ impl Course {
             }
         };
         let (cos, sin) = (heading.cos(), heading.sin());
-        Some((direction.x * sin - direction.y * cos).atan2(direction.x * cos + direction.y * sin))
+        Some(small_angle::angle(direction.x * cos + direction.y * sin, direction.x * sin - direction.y * cos))
     }
 
     /// The segment of the whole course that holds an arc length, the first or last for one beyond. O(1) for points that are
