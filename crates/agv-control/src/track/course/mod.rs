@@ -243,12 +243,11 @@ impl Course {
     /// Angle of a heading relative to [`direction_at`](Self::direction_at), in radians; read between two knots, so cheaper.
     #[inline]
     pub(super) fn angle_from(&self, arc_length: f64, heading: So2) -> Option<f64> {
-        let direction = match self.knot_direction(arc_length) {
-            Some(direction) => direction,
-            None => {
-                let direction = self.direction_at(arc_length)?;
-                Vector2::new(direction.cos(), direction.sin())
-            }
+        let direction = if let Some(direction) = self.knot_direction(arc_length) {
+            direction
+        } else {
+            let direction = self.direction_at(arc_length)?;
+            Vector2::new(direction.cos(), direction.sin())
         };
         let (cos, sin) = (heading.cos(), heading.sin());
         Some(small_angle::angle(direction.x * cos + direction.y * sin, direction.x * sin - direction.y * cos))
