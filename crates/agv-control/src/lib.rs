@@ -2,6 +2,8 @@
 //!
 //! # Overview
 //! - [`pid`]: a discrete PID controller, the [`Controller`](agv_core::roles::Controller) role.
+//! - [`optimize`]: minimising an [`Objective`] without derivatives; by particle swarms ([`pso`]), differential evolution or
+//!   CMA-ES ([`evolution`]).
 //! - [`track`]: path trackers, the [`PathTracker`](agv_core::roles::PathTracker) role. A tracker is a
 //!   [`Follower`](track::Follower), which knows the path, the progress and the speed, and a
 //!   [`Steering`](track::Steering) law, which knows how to turn.
@@ -34,5 +36,11 @@
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+pub mod evolution;
+mod objective;
+pub mod optimize;
 pub mod pid;
+pub mod pso;
 pub mod track;
+
+pub use objective::{BATCH, Objective};
