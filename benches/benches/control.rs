@@ -2,6 +2,8 @@
 
 use agv_control::{
     pid::{Pid, PidParams},
+    plant::StandIn,
+    step_response::PidGains,
     track::{PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams},
 };
 use agv_core::{
@@ -66,5 +68,26 @@ fn trackers(c: &mut Criterion) {
     group.finish();
 }
 
-criterion_group!(benches, pid, trackers);
+/// Costs of PID gains on the stand-in plants: what a swarm of 20 particles asks for in each iteration.
+fn step_test(c: &mut Criterion) {
+    for plant in StandIn::ALL {
+        let test = plant.step_test().expect("good plant");
+        let gains: Vec<PidGains> = (0..24)
+            .map(|i| f64::from(i) / 23.0 * plant.greatest_gain())
+            .map(|gain| PidGains { proportional: gain, integral: 0.1 * gain, derivative: 0.2 * gain })
+            .collect();
+        let mut costs = vec![0.0; gains.len()];
+        test.cost_batch(&gains, &mut costs).expect("as many costs");
+        for (gains, cost) in gains.iter().zip(&costs) {
+            assert_eq!(test.cost(*gains).to_bits(), cost.to_bits());
+        }
+        let mut group = c.benchmark_group(format!("step_test/{}", plant.name()));
+        group.throughput(Throughput::Elements(gains.len() as u64));
+        group.bench_function("single", |b| b.iter(|| gains.iter().map(|&gains| test.cost(gains)).sum::<f64>()));
+        group.bench_function("batch", |b| b.iter(|| test.cost_batch(black_box(&gains), &mut costs)));
+        group.finish();
+    }
+}
+
+criterion_group!(benches, pid, step_test, trackers);
 criterion_main!(benches);

@@ -4,6 +4,8 @@
 //! - [`pid`]: a discrete PID controller, the [`Controller`](agv_core::roles::Controller) role.
 //! - [`optimize`]: minimising an [`Objective`] without derivatives; by particle swarms ([`pso`]), differential evolution or
 //!   CMA-ES ([`evolution`]).
+//! - [`plant`]: what a controller drives, as models: transfer functions, the AGV's own, the stand-ins of the papers.
+//! - [`step_response`]: how well a loop follows a step, and what a tuner minimises.
 //! - [`track`]: path trackers, the [`PathTracker`](agv_core::roles::PathTracker) role. A tracker is a
 //!   [`Follower`](track::Follower), which knows the path, the progress and the speed, and a
 //!   [`Steering`](track::Steering) law, which knows how to turn.
@@ -36,11 +38,15 @@
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod error;
 pub mod evolution;
 mod objective;
 pub mod optimize;
 pub mod pid;
+pub mod plant;
 pub mod pso;
+pub mod step_response;
 pub mod track;
 
+pub use error::Error;
 pub use objective::{BATCH, Objective};
