@@ -6,6 +6,7 @@
 //!   CMA-ES ([`evolution`]).
 //! - [`plant`]: what a controller drives, as models: transfer functions, the AGV's own, the stand-ins of the papers.
 //! - [`step_response`]: how well a loop follows a step, and what a tuner minimises.
+//! - [`tune`]: the gains of a PID controller, or any parameters, for a step test or the user's cost; once, or while driving.
 //! - [`track`]: path trackers, the [`PathTracker`](agv_core::roles::PathTracker) role. A tracker is a
 //!   [`Follower`](track::Follower), which knows the path, the progress and the speed, and a
 //!   [`Steering`](track::Steering) law, which knows how to turn.
@@ -47,6 +48,7 @@ pub mod plant;
 pub mod pso;
 pub mod step_response;
 pub mod track;
+pub mod tune;
 
 pub use error::Error;
 pub use objective::{BATCH, Objective};

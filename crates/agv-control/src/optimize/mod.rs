@@ -23,6 +23,8 @@ mod history;
 mod search;
 mod space;
 mod stopping;
+#[cfg(feature = "serde")]
+pub(crate) mod stored_costs;
 
 pub use history::{History, Record};
 pub use search::{Outcome, Search};

@@ -35,8 +35,11 @@ impl Threshold {
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Sensing {
-    /// Number of sensitive particles: each costs one evaluation per iteration.
+    /// Number of sensitive particles that stand at random places: each costs one evaluation per iteration.
     pub particles: usize,
+    /// Whether one more stands at the best place found so far. It notices what matters most, and after a change the swarm
+    /// knows at once what its old answer is worth.
+    pub watch_best: bool,
     /// When a change is one. Costs that carry noise need a threshold above it.
     pub threshold: Threshold,
     /// Part of the swarm that begins anew after a change, 0 to 1: the particles that fare worst.
@@ -44,15 +47,31 @@ pub struct Sensing {
 }
 
 impl Default for Sensing {
-    /// The paper's 20 particles and threshold of 1; half of the swarm begins anew (the paper does not state its ratio).
+    /// [`Sensing::frugal`].
     fn default() -> Self {
-        Self { particles: 20, threshold: Threshold::Absolute(1.0), reseed: 0.5 }
+        Self::frugal()
     }
 }
 
 impl Sensing {
+    /// The paper's: 20 particles and a threshold of 1; half of the swarm begins anew (the paper does not state its ratio).
+    pub const fn paper() -> Self {
+        Self { particles: 20, watch_best: false, threshold: Threshold::Absolute(1.0), reseed: 0.5 }
+    }
+
+    /// Three particles and the best place, which notice a change of a thousandth: where costs carry no noise, few are
+    /// enough, and evaluations are left for the search. Half of the swarm begins anew.
+    pub const fn frugal() -> Self {
+        Self { particles: 3, watch_best: true, threshold: Threshold::Relative(1e-3), reseed: 0.5 }
+    }
+
+    /// How many places are evaluated beside the swarm's.
+    pub(super) fn count(&self) -> usize {
+        self.particles.saturating_add(usize::from(self.watch_best))
+    }
+
     pub(super) fn check(&self) -> Result<(), Error> {
-        check::at_least("sensitive particles", self.particles, 1)?;
+        check::at_least("sensitive particles", self.count(), 1)?;
         check::in_range("reseed", self.reseed, 0.0, 1.0)?;
         match self.threshold {
             Threshold::Absolute(limit) | Threshold::Relative(limit) => {

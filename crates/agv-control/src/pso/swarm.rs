@@ -22,6 +22,7 @@ use rand::RngExt;
 /// What a generation draws depends on the seed and on its number alone. A generation costs O(particles · dimension)
 /// beside the evaluations and allocates nothing.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "checkpoint::RawSwarm"))]
 pub struct Swarm {
     params: SwarmParams,
     dimension: usize,
@@ -29,18 +30,24 @@ pub struct Swarm {
     /// Generations told, and those since the environment was last found changed.
     generation: u64,
     age: usize,
-    /// Places of the sensitive particles, then of the others: what is asked for.
+    /// Places of the sensitive particles, then of the others: what is asked for. Where the best place is watched, it is
+    /// the first.
     places: Vec<f64>,
     velocities: Vec<f64>,
     best_places: Vec<f64>,
+    #[cfg_attr(feature = "serde", serde(with = "crate::optimize::stored_costs"))]
     best_costs: Vec<f64>,
-    /// Last costs of the sensitive particles.
+    /// Last costs of the sensitive particles; without meaning before the first generation.
+    #[cfg_attr(feature = "serde", serde(with = "crate::optimize::stored_costs"))]
     sensed: Vec<f64>,
     /// Index of the particle with the least of the best costs.
     leader: usize,
     links: Vec<usize>,
+    /// Scratch: whom each particle follows.
+    #[cfg_attr(feature = "serde", serde(skip_serializing))]
     guides: Vec<usize>,
     /// Scratch: particles in the order of their costs.
+    #[cfg_attr(feature = "serde", serde(skip_serializing))]
     order: Vec<usize>,
     /// Changes of the environment noticed so far.
     changes: usize,
@@ -54,7 +61,7 @@ impl Swarm {
     pub fn new(dimension: usize, params: SwarmParams, seed: Seed) -> Result<Self, Error> {
         check::at_least("dimension", dimension, 1)?;
         params.check()?;
-        let (count, sensors) = (params.particles, params.sensing.map_or(0, |sensing| sensing.particles));
+        let (count, sensors) = (params.particles, params.sensing.map_or(0, |sensing| sensing.count()));
         let mut stream = seed.stream(0, 0);
         let places = (0..(sensors + count) * dimension).map(|_| stream.random()).collect();
         let limit = params.velocity_limit;
@@ -71,13 +78,27 @@ impl Swarm {
             velocities,
             best_places: vec![0.0; count * dimension],
             best_costs: vec![f64::INFINITY; count],
-            sensed: vec![f64::NAN; sensors],
+            sensed: vec![f64::INFINITY; sensors],
             leader: 0,
             links,
             guides: vec![0; count],
             order: (0..count).collect(),
             changes: 0,
         })
+    }
+
+    /// Puts the first particle at a place of the unit cube, where good values are known or in use.
+    ///
+    /// # Errors
+    /// A place of another dimension or outside of the cube.
+    pub fn starting_at(mut self, place: &[f64]) -> Result<Self, Error> {
+        check::length("place", place.len(), self.dimension)?;
+        for &x in place {
+            check::in_range("place", x, 0.0, 1.0)?;
+        }
+        let first = self.sensed.len() * self.dimension;
+        self.places[first..first + self.dimension].copy_from_slice(place);
+        Ok(self)
     }
 
     /// What the swarm is made of.
@@ -101,7 +122,7 @@ impl Swarm {
         let mut changed = false;
         for (before, &cost) in self.sensed.iter_mut().zip(costs) {
             let now = comparable(cost);
-            changed |= !before.is_nan() && sensing.threshold.exceeded(*before, now);
+            changed |= self.generation > 0 && sensing.threshold.exceeded(*before, now);
             *before = now;
         }
         changed
@@ -110,20 +131,36 @@ impl Swarm {
     /// Takes what the particles just learned into their memories; `true` if the swarm's best cost fell.
     fn remember(&mut self, costs: &[f64]) -> bool {
         let (dimension, first) = (self.dimension, self.sensed.len() * self.dimension);
-        let before = self.best_costs[self.leader];
+        let fresh = self.age == 0;
+        let before = if fresh { f64::INFINITY } else { self.best_costs[self.leader] };
         for (i, &cost) in costs.iter().enumerate() {
             let cost = comparable(cost);
-            // The first cost is remembered even if it is infinite: a particle always has a best place.
-            if cost < self.best_costs[i] || self.age == 0 {
+            // The first cost in an environment is remembered whatever it is: a particle always has a best place.
+            if fresh || cost < self.best_costs[i] {
                 self.best_costs[i] = cost;
                 let place = &self.places[first + i * dimension..][..dimension];
                 self.best_places[i * dimension..][..dimension].copy_from_slice(place);
             }
-            if self.best_costs[i] < self.best_costs[self.leader] {
-                self.leader = i;
-            }
         }
+        let better = |a: usize, b: usize| if self.best_costs[b] < self.best_costs[a] { b } else { a };
+        self.leader = (1..costs.len()).fold(0, better);
         self.best_costs[self.leader] < before
+    }
+
+    /// Keeps the sensitive particle that watches the best place there; after a change it is the one that knows what the
+    /// old best place is worth.
+    fn watch_best(&mut self, changed: bool) {
+        if !self.params.sensing.is_some_and(|sensing| sensing.watch_best) {
+            return;
+        }
+        let best = self.leader * self.dimension..(self.leader + 1) * self.dimension;
+        if changed && self.sensed[0] < self.best_costs[self.leader] {
+            self.best_costs[self.leader] = self.sensed[0];
+            self.best_places[best].copy_from_slice(&self.places[..self.dimension]);
+        } else {
+            self.sensed[0] = self.best_costs[self.leader];
+            self.places[..self.dimension].copy_from_slice(&self.best_places[best]);
+        }
     }
 
     /// Scatters the worst part of the swarm, after the environment has changed.
@@ -213,16 +250,16 @@ impl Optimizer for Swarm {
     fn tell(&mut self, costs: &[f64]) -> Result<(), Error> {
         let sensors = self.sensed.len();
         check::length("costs", costs.len(), sensors + self.params.particles)?;
+        let changed = self.senses_change(&costs[..sensors]);
         self.generation += 1;
         let mut stream = self.seed.stream(self.generation, 0);
-        let changed = self.senses_change(&costs[..sensors]);
         if changed {
             // Memories of the old environment are worth nothing; this generation has seen the new one.
             self.changes += 1;
             self.age = 0;
-            self.best_costs.fill(f64::INFINITY);
         }
         let improved = self.remember(&costs[sensors..]);
+        self.watch_best(changed);
         if !improved {
             Topology::draw_links(&mut self.links, self.params.particles, &mut stream);
         }
@@ -248,5 +285,7 @@ fn draw_velocity(limit: f64, stream: &mut Stream) -> f64 {
     limit * stream.random_range(-1.0..=1.0)
 }
 
+#[cfg(feature = "serde")]
+mod checkpoint;
 #[cfg(test)]
 mod tests;

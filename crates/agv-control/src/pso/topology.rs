@@ -43,7 +43,7 @@ impl Topology {
     /// Length of the table of links.
     pub(super) fn link_count(self, particles: usize) -> usize {
         match self {
-            Self::Random { informants } => particles * informants,
+            Self::Random { informants } => particles.saturating_mul(informants),
             Self::Global | Self::Ring { .. } => 0,
         }
     }

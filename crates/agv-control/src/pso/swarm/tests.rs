@@ -18,7 +18,7 @@ fn kinds() -> [SwarmParams; 6] {
             ..improved
         },
         SwarmParams { inertia: Inertia::AsPrinted { start: 0.9, end: 0.4, iterations: 30 }, ..SwarmParams::paper(30) },
-        SwarmParams { sensing: Some(Sensing { particles: 3, ..Sensing::default() }), ..improved },
+        SwarmParams { sensing: Some(Sensing::default()), ..improved },
     ]
 }
 
@@ -86,7 +86,7 @@ fn the_same_seed_draws_the_same_swarm() {
 
 #[test]
 fn a_change_is_noticed_and_the_memories_of_before_are_dropped() {
-    let sensing = Sensing { particles: 5, threshold: Threshold::Absolute(0.05), reseed: 0.5 };
+    let sensing = Sensing { threshold: Threshold::Absolute(0.05), particles: 5, ..Sensing::paper() };
     let params = SwarmParams { sensing: Some(sensing), ..SwarmParams::improved() };
     let mut swarm = Swarm::new(2, params, Seed(2)).unwrap();
     for _ in 0..40 {
@@ -108,10 +108,26 @@ fn a_change_is_noticed_and_the_memories_of_before_are_dropped() {
     assert_eq!(swarm.changes(), 1);
 }
 
+/// The watched best place is the first point asked for; what it is worth after a change is known, and kept if it is best.
+#[test]
+fn the_best_place_is_watched() {
+    let sensing = Sensing { particles: 0, ..Sensing::frugal() };
+    let mut swarm = Swarm::new(2, SwarmParams { sensing: Some(sensing), ..SwarmParams::improved() }, Seed(2)).unwrap();
+    for _ in 0..20 {
+        step(&mut swarm, sphere);
+        assert_eq!(swarm.best().unwrap().0, &swarm.ask()[..2]);
+    }
+    let old = swarm.best().unwrap().0.to_vec();
+    let mut costs = vec![9.0; 21];
+    costs[0] = 3.0;
+    swarm.tell(&costs).unwrap();
+    assert_eq!((swarm.changes(), swarm.best().unwrap()), (1, (old.as_slice(), 3.0)));
+}
+
 #[test]
 fn as_many_particles_are_scattered_as_was_asked_for() {
     for (reseed, scattered) in [(0.0, 0), (0.25, 5), (1.0, 20)] {
-        let sensing = Sensing { particles: 1, threshold: Threshold::Absolute(1.0), reseed };
+        let sensing = Sensing { particles: 1, reseed, ..Sensing::paper() };
         let params = SwarmParams { sensing: Some(sensing), differential: 0.0, ..SwarmParams::improved() };
         let mut swarm = Swarm::new(1, params, Seed(2)).unwrap();
         for _ in 0..200 {
@@ -157,7 +173,7 @@ fn bad_parameters_are_named() {
         ("velocity_limit", SwarmParams { velocity_limit: 0.0, ..good }),
         ("velocity_limit", SwarmParams { velocity_limit: f64::NAN, ..good }),
         ("differential", SwarmParams { differential: 1.5, ..good }),
-        ("sensitive particles", sensing(Sensing { particles: 0, ..Sensing::default() })),
+        ("sensitive particles", sensing(Sensing { particles: 0, ..Sensing::paper() })),
         ("reseed", sensing(Sensing { reseed: f64::NAN, ..Sensing::default() })),
         ("threshold", sensing(Sensing { threshold: Threshold::Relative(-1.0), ..Sensing::default() })),
     ] {
