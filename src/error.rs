@@ -39,6 +39,10 @@ pub enum Error {
     /// A path tracker refused a call.
     #[error(transparent)]
     Track(#[from] TrackError),
+    /// A plant or a test of a controller was refused.
+    #[cfg(feature = "control")]
+    #[error(transparent)]
+    ControlParams(#[from] agv_control::Error),
     /// A controller refused a call.
     #[error(transparent)]
     Control(#[from] ControlError),

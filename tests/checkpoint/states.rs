@@ -1,7 +1,7 @@
 //! What changes as it runs and is no map: controllers, odometry, random streams; and the small values between the parts.
 
 use crate::table::{assert_kept, assert_refused, restored};
-use agv_nav::control::pid::{AntiWindup, Pid, PidParams};
+use agv_nav::control::pid::{AntiWindup, Pid, PidParams, VelocityPid};
 use agv_nav::core::{
     compute::{Par, Seed},
     geometry::{LieGroup, Se2, Se3, So3, Twist2, UncertainPose},
@@ -47,6 +47,23 @@ fn controllers_go_on_with_the_same_bits() {
             }
         }
     }
+}
+
+#[test]
+fn a_velocity_form_goes_on_with_the_same_bits() {
+    let mut pid = VelocityPid::new(full()).unwrap();
+    for k in 0..7 {
+        pid.update(1.0, 0.1 * f64::from(k), 0.013).unwrap();
+        let mut again = restored(&pid);
+        assert_eq!(again, pid);
+        let outputs = [&mut pid, &mut again].map(|p| p.update(0.9, 0.25, 0.02).unwrap().to_bits());
+        assert_eq!(outputs[0], outputs[1]);
+    }
+    assert_refused(
+        "VelocityPid",
+        &pid,
+        &[("/output", json!(5.0)), ("/rate", json!(null)), ("/last/1", json!(null)), ("/params/integral", json!(0.0))],
+    );
 }
 
 #[test]
@@ -115,7 +132,7 @@ fn spoilt_states_are_refused() {
         &pid(full()),
         &[
             ("/integral", json!(null)),
-            ("/last/0", json!(null)),
+            ("/last/measurement", json!(null)),
             ("/params/proportional", json!(null)),
             ("/params/filter_time", json!(-1.0)),
             ("/params/output_rate", json!(0.0)),

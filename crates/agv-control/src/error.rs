@@ -15,6 +15,9 @@ pub enum Error {
         /// Degree of the denominator.
         denominator: usize,
     },
+    /// No stand-in plant has this name.
+    #[error("no such plant: p1, p2, p3 or load")]
+    NoSuchPlant,
     /// Numbers left their range: the plant is unstable, or its coefficients are too far apart.
     #[error("{name} left the range of numbers")]
     Overflow {

@@ -1,12 +1,13 @@
 //! How do I get there: controllers, their tuning, and path trackers.
 //!
 //! # Overview
-//! - [`pid`]: a discrete PID controller, the [`Controller`](agv_core::roles::Controller) role.
-//! - [`optimize`]: minimising an [`Objective`] without derivatives; by particle swarms ([`pso`]), differential evolution or
-//!   CMA-ES ([`evolution`]).
+//! - [`pid`]: discrete PID controllers, the [`Controller`](agv_core::roles::Controller) role.
 //! - [`plant`]: what a controller drives, as models: transfer functions, the AGV's own, the stand-ins of the papers.
 //! - [`step_response`]: how well a loop follows a step, and what a tuner minimises.
+//! - [`margin`]: how far a loop is from instability.
 //! - [`tune`]: the gains of a PID controller, or any parameters, for a step test or the user's cost; once, or while driving.
+//! - [`optimize`]: what tuning rests on, minimising an [`Objective`] without derivatives, by particle swarms ([`pso`]),
+//!   differential evolution or CMA-ES ([`evolution`]).
 //! - [`track`]: path trackers, the [`PathTracker`](agv_core::roles::PathTracker) role. A tracker is a
 //!   [`Follower`](track::Follower), which knows the path, the progress and the speed, and a
 //!   [`Steering`](track::Steering) law, which knows how to turn.
@@ -41,6 +42,7 @@
 
 mod error;
 pub mod evolution;
+pub mod margin;
 mod objective;
 pub mod optimize;
 pub mod pid;

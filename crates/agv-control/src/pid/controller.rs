@@ -169,10 +169,11 @@ impl Pid {
             None => 0.0,
         };
         let growth = timing.integral_step * (set_point - measurement);
-        let wanted = direct(params, set_point, measurement, rate) + (state.integral + growth) + feed_forward;
+        let full = state.integral + growth;
+        let wanted = full + (direct(params, set_point, measurement, rate) + feed_forward);
 
         let mut output = wanted;
-        if let Some(last) = state.last {
+        if let (Some(last), true) = (state.last, timing.limits_rate) {
             output = at_most(at_least(output, last.output - timing.output_step), last.output + timing.output_step);
         }
         // The range comes last: it holds even where it was just narrowed.
@@ -180,8 +181,8 @@ impl Pid {
         let excess = output - wanted;
         let integral = match params.anti_windup {
             AntiWindup::Clamping if growth * excess < 0.0 => state.integral,
-            AntiWindup::Clamping | AntiWindup::Off => state.integral + growth,
-            AntiWindup::BackCalculation { .. } => state.integral + growth + excess * timing.tracking_share,
+            AntiWindup::Clamping | AntiWindup::Off => full,
+            AntiWindup::BackCalculation { .. } => full + excess * timing.tracking_share,
         };
         // One test for all: whatever is not finite makes the output so, for zero times infinity is not a number.
         if !(wanted.is_finite() && integral.is_finite()) {
@@ -200,7 +201,7 @@ impl Pid {
 }
 
 /// The terms without memory.
-#[inline(always)]
+#[inline]
 fn direct(params: &PidParams, set_point: f64, measurement: f64, rate: f64) -> f64 {
     params.proportional * (params.set_point_weight * set_point - measurement) - params.derivative * rate
 }

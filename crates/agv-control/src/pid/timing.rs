@@ -13,7 +13,8 @@ pub(super) struct Timing {
     filter_slope: f64,
     /// `Ki dt`.
     pub(super) integral_step: f64,
-    /// Greatest change of the output.
+    /// Whether the change of the output is limited, and how far.
+    pub(super) limits_rate: bool,
     pub(super) output_step: f64,
     /// `dt / Tt`, at most one: more would draw the integral beyond its aim.
     pub(super) tracking_share: f64,
@@ -25,6 +26,7 @@ impl Timing {
         filter_decay: 0.0,
         filter_slope: 0.0,
         integral_step: 0.0,
+        limits_rate: false,
         output_step: 0.0,
         tracking_share: 0.0,
     };
@@ -37,6 +39,7 @@ impl Timing {
             filter_decay: params.filter_time * filter_slope,
             filter_slope,
             integral_step: params.integral * dt,
+            limits_rate: params.output_rate < f64::MAX,
             output_step: params.output_rate * dt,
             tracking_share: match params.anti_windup {
                 AntiWindup::BackCalculation { tracking_time } => (dt / tracking_time).min(1.0),
@@ -46,7 +49,7 @@ impl Timing {
     }
 
     /// The filtered derivative after a change of the measurement.
-    #[inline(always)]
+    #[inline]
     pub(super) fn rate(&self, last: f64, change: f64) -> f64 {
         self.filter_decay * last + self.filter_slope * change
     }

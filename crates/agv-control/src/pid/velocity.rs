@@ -148,7 +148,7 @@ impl Controller for VelocityPid {
             return Err(refusal(set_point, measurement, 0.0, wanted));
         }
         let mut output = wanted;
-        if state.last.is_some() {
+        if state.last.is_some() && timing.limits_rate {
             output = at_most(at_least(output, state.output - timing.output_step), state.output + timing.output_step);
         }
         output = at_most(at_least(output, params.output_min), params.output_max);

@@ -48,18 +48,18 @@ impl ActuatorLimits {
 
 /// Clamps `command` to the range, then its change from `last` to `step`; what is not a number stays so. In the form
 /// that compiles to one instruction a bound.
-#[inline(always)]
+#[inline]
 pub(crate) fn limit(command: f64, last: f64, min: f64, max: f64, step: f64) -> f64 {
     let ranged = at_most(at_least(command, min), max);
     at_most(at_least(ranged, last - step), last + step)
 }
 
-#[inline(always)]
+#[inline]
 pub(crate) fn at_least(value: f64, min: f64) -> f64 {
     if min > value { min } else { value }
 }
 
-#[inline(always)]
+#[inline]
 pub(crate) fn at_most(value: f64, max: f64) -> f64 {
     if max < value { max } else { value }
 }

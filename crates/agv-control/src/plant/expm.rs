@@ -12,6 +12,9 @@ pub(crate) const SIDE: usize = 10;
 
 pub(crate) type Square = SMatrix<f64, SIDE, SIDE>;
 
+/// Degree `q` of numerator and denominator.
+const DEGREE: i32 = 6;
+
 /// `exp(matrix)`; none if it is not finite.
 pub(crate) fn expm(matrix: &Square) -> Option<Square> {
     let norm = (0..SIDE).map(|i| matrix.row(i).iter().map(|v| v.abs()).sum::<f64>()).fold(0.0, f64::max);
@@ -23,7 +26,6 @@ pub(crate) fn expm(matrix: &Square) -> Option<Square> {
     let scaled = matrix * 0.5_f64.powi(halvings);
 
     // N(M) = Σ c_k M^k with c_k = c_{k-1} (q - k + 1) / (k (2 q - k + 1)); the odd powers change sign for N(-M).
-    const DEGREE: i32 = 6;
     let (mut power, mut coefficient) = (Square::identity(), 1.0);
     let (mut even, mut odd) = (Square::identity(), Square::zeros());
     for k in 1..=DEGREE {

@@ -106,7 +106,7 @@ impl LinearPlant {
     }
 
     /// Takes a new `dt`, with the inputs under way sampled anew at the middle of each.
-    fn resample(&mut self, discrete: Discrete) {
+    fn resample(&mut self, discrete: &Discrete) {
         let len = discrete.delay + 1;
         let old_dt = self.discrete.map_or(discrete.dt, |old| old.dt);
         let value = |age: f64| {
@@ -115,7 +115,7 @@ impl LinearPlant {
             if samples < held { self.line[(self.head + held - 1 - samples) % held] } else { 0.0 }
         };
         let line = (0..len).map(|i| value((len - i) as f64 * discrete.dt - 0.5 * discrete.dt)).collect();
-        (self.line, self.head, self.discrete) = (line, 0, Some(discrete));
+        (self.line, self.head, self.discrete) = (line, 0, Some(*discrete));
     }
 }
 
@@ -128,7 +128,7 @@ impl Plant for LinearPlant {
         check::finite("input", input)?;
         if self.discrete.is_none_or(|discrete| discrete.dt != dt) {
             let discrete = self.discretise(dt)?;
-            self.resample(discrete);
+            self.resample(&discrete);
         }
         let Some(plant) = &self.discrete else { return Ok(self.output) };
         self.input = self.actuator.apply(input, self.input, dt);
@@ -139,12 +139,11 @@ impl Plant for LinearPlant {
         let due = self.line[self.head];
         let due = if plant.delay == 0 { self.input } else { due };
         let mut next = Vector::default();
-        for i in 0..n {
-            let mut sum = plant.b[i] * due + plant.b_late[i] * late;
+        for (i, sum) in next.iter_mut().enumerate().take(n) {
+            *sum = plant.b[i] * due + plant.b_late[i] * late;
             for j in 0..n {
-                sum += plant.a[i][j] * self.state[j];
+                *sum += plant.a[i][j] * self.state[j];
             }
-            next[i] = sum;
         }
         self.state = next;
         self.output = plant.d * due + (0..n).map(|i| plant.c[i] * self.state[i]).sum::<f64>();

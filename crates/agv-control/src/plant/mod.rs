@@ -2,16 +2,23 @@
 //!
 //! - [`TransferFunction`] and [`LinearPlant`]: any proper `G(s)` with dead time and a limited actuator, exact at the
 //!   samples.
+//! - [`CrossTrackPlant`] and [`DrivePlant`]: the AGV's own, beside its path and as a drive with a load.
 //! - [`StandIn`]: the plants on which tuning is compared.
 
 pub(crate) mod actuator;
+mod cross_track;
+mod drive;
 mod expm;
 mod linear;
 mod stand_ins;
 pub(crate) mod state_space;
+#[cfg(test)]
+mod tests;
 mod transfer_function;
 
 pub use actuator::ActuatorLimits;
+pub use cross_track::{CrossTrackParams, CrossTrackPlant};
+pub use drive::{DriveParams, DrivePlant};
 pub use linear::LinearPlant;
 pub use stand_ins::StandIn;
 pub use transfer_function::{MAX_ORDER, TransferFunction};

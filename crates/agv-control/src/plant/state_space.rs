@@ -42,10 +42,10 @@ impl StateSpace {
                 model.a[i][i + 1] = w;
             }
             model.a[order - 1][i] = -a[i] / w.powi((order - 1 - i) as i32);
-            model.c[i] = (b[i] - a[i] * d) / w.powi((order - 1 - i) as i32);
+            model.c[i] = (b[i] - a[i] * d) / w.powi((order - i) as i32);
         }
         if order > 0 {
-            model.b[order - 1] = 1.0;
+            model.b[order - 1] = w;
         }
         model
     }

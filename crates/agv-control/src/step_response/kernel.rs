@@ -3,6 +3,8 @@
 //! Lanes share the plant and the clock and nothing else; their operations are the same in the same order, so that a lane
 //! has the bits of a run on its own.
 
+#![expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set found at run time")]
+
 use super::lane::Lane;
 use crate::plant::{
     ActuatorLimits,
@@ -65,8 +67,8 @@ pub(super) fn run<T: Lane, const N: usize, const PLAIN: bool>(
     let (mut a, mut b, mut late_b, mut c) = ([[zero; N]; N], [zero; N], [zero; N], [zero; N]);
     for i in 0..N {
         (b[i], late_b[i], c[i]) = (kp.like(plant.b[i]), kp.like(plant.b_late[i]), kp.like(plant.c[i]));
-        for j in 0..N {
-            a[i][j] = kp.like(plant.a[i][j]);
+        for (entry, value) in a[i].iter_mut().zip(&plant.a[i]) {
+            *entry = kp.like(*value);
         }
     }
     let product = |b: &Vector| plant.c.iter().zip(b).map(|(c, b)| c * b).sum::<f64>();

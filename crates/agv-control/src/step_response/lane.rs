@@ -1,5 +1,7 @@
 //! One loop or several side by side: numbers that the kernel of a step test computes with.
 
+#![expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set found at run time")]
+
 use pulp::Simd;
 use std::ops::{Add, Mul, Sub};
 

@@ -144,7 +144,8 @@ mod tests {
     #[test]
     fn first_order() {
         let dt = 1e-3;
-        let m = StepMetrics::new(&sampled(20.0, dt, |t| 1.0 - (-t).exp()), 1.0, dt, Default::default()).unwrap();
+        let m =
+            StepMetrics::new(&sampled(20.0, dt, |t| 1.0 - (-t).exp()), 1.0, dt, StepMetricsParams::default()).unwrap();
         assert!((m.rise_time.unwrap() - 9.0_f64.ln()).abs() < 1e-6);
         assert!((m.settling_time.unwrap() - 50.0_f64.ln()).abs() < 1e-6);
         assert_eq!(m.overshoot, 0.0);
@@ -162,11 +163,12 @@ mod tests {
         let y = |t: f64| {
             1.0 - (-zeta * omega * t).exp() * ((omega * root * t).cos() + zeta / root * (omega * root * t).sin())
         };
-        let up = StepMetrics::new(&sampled(30.0, dt, y), 1.0, dt, Default::default()).unwrap();
+        let up = StepMetrics::new(&sampled(30.0, dt, y), 1.0, dt, StepMetricsParams::default()).unwrap();
         assert!((up.overshoot - (-std::f64::consts::PI * zeta / root).exp()).abs() < 1e-6);
         assert!((up.peak_time - std::f64::consts::PI / (omega * root)).abs() < dt);
         assert!((up.peak - 1.0 - up.overshoot).abs() < 1e-12);
-        let down = StepMetrics::new(&sampled(30.0, dt, |t| 5.0 - 2.0 * y(t)), 3.0, dt, Default::default()).unwrap();
+        let down =
+            StepMetrics::new(&sampled(30.0, dt, |t| 5.0 - 2.0 * y(t)), 3.0, dt, StepMetricsParams::default()).unwrap();
         assert!((down.overshoot - up.overshoot).abs() < 1e-9);
         assert!((down.rise_time.unwrap() - up.rise_time.unwrap()).abs() < 1e-9);
         assert!((down.settling_time.unwrap() - up.settling_time.unwrap()).abs() < 1e-9);

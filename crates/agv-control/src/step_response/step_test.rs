@@ -1,5 +1,7 @@
 //! The cost of PID gains on a linear plant.
 
+#![expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set found at run time")]
+
 use super::figures::{DIVERGED, StepFigures, finite_or_infinite};
 use super::kernel::{Sums, Test, run};
 use super::lane::{Lane, MOST_LANES, Wide};
@@ -23,7 +25,7 @@ pub struct PidGains {
 
 impl PidGains {
     /// Gains so large that they can only diverge are not worth a run.
-    fn can_be_simulated(&self) -> bool {
+    pub(crate) fn can_be_simulated(&self) -> bool {
         [self.proportional, self.integral, self.derivative].iter().all(|gain| gain.abs() <= DIVERGED)
     }
 }

@@ -20,13 +20,11 @@
 mod knobs;
 mod online;
 mod pid;
-mod sensitivity;
 mod step_cost;
 
 pub use knobs::Knobs;
 pub use online::{OnlineTuner, OnlineTunerParams, Proposal};
 pub use pid::{TunedPid, gain_space, tune_pid};
-pub use sensitivity::LoopSensitivity;
 pub use step_cost::{Criterion, StepCost, StepCostParams};
 
 #[cfg(doc)]

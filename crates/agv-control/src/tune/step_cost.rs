@@ -4,8 +4,8 @@
 //! J = max over plants of  criterion + w_o max(0, overshoot - allowed) + w_t travel + w_e energy + w_s max(0, Ms - allowed)
 //! ```
 
-use super::LoopSensitivity;
 use super::pid::gains_of;
+use crate::margin::FrequencySweep;
 use crate::plant::LinearPlant;
 use crate::step_response::{PidGains, StepFigures, StepTest, StepTestParams};
 use crate::{BATCH, Error, Objective};
@@ -40,7 +40,7 @@ pub struct StepCostParams {
     pub travel_weight: f64,
     /// Cost of the actuator's effort, `Σ u² dt`.
     pub energy_weight: f64,
-    /// Greatest sensitivity that costs nothing.
+    /// Greatest maximum sensitivity `Ms` that costs nothing; see [`margin`](crate::margin).
     pub sensitivity_allowed: f64,
     /// Cost of sensitivity beyond it, per unit.
     pub sensitivity_weight: f64,
@@ -82,7 +82,7 @@ impl Default for StepCostParams {
 #[derive(Debug, Clone)]
 pub struct StepCost {
     params: StepCostParams,
-    plants: Vec<(StepTest, LoopSensitivity)>,
+    plants: Vec<(StepTest, FrequencySweep)>,
 }
 
 impl StepCost {
@@ -103,8 +103,8 @@ impl StepCost {
             check::non_negative(name, value)?;
         }
         let prepare = |plant: &LinearPlant| {
-            let sensitivity = LoopSensitivity::new(plant, test.filter_time, test.dt)?;
-            Ok((StepTest::new(plant, test)?, sensitivity))
+            let sweep = FrequencySweep::new(plant, test.dt, test.filter_time)?;
+            Ok((StepTest::new(plant, test)?, sweep))
         };
         Ok(Self { params, plants: plants.iter().map(prepare).collect::<Result<_, Error>>()? })
     }
@@ -114,7 +114,7 @@ impl StepCost {
         &self.params
     }
 
-    fn weigh(&self, figures: &StepFigures, sensitivity: &LoopSensitivity, gains: PidGains) -> f64 {
+    fn weigh(&self, figures: &StepFigures, sweep: &FrequencySweep, gains: PidGains) -> f64 {
         let p = &self.params;
         let criterion = match p.criterion {
             Criterion::Itae => figures.itae,
@@ -132,7 +132,7 @@ impl StepCost {
             + p.travel_weight * figures.control_travel
             + p.energy_weight * figures.control_energy;
         if p.sensitivity_weight > 0.0 {
-            cost += p.sensitivity_weight * beyond(sensitivity.greatest(gains), p.sensitivity_allowed);
+            cost += p.sensitivity_weight * beyond(sweep.margins(gains).sensitivity, p.sensitivity_allowed);
         }
         cost
     }
@@ -141,7 +141,7 @@ impl StepCost {
 impl Objective for StepCost {
     fn evaluate(&self, point: &[f64]) -> f64 {
         let gains = gains_of(point);
-        let costs = self.plants.iter().map(|(test, margin)| self.weigh(&test.figures(gains), margin, gains));
+        let costs = self.plants.iter().map(|(test, sweep)| self.weigh(&test.figures(gains), sweep, gains));
         costs.fold(f64::NEG_INFINITY, f64::max)
     }
 
@@ -152,13 +152,13 @@ impl Objective for StepCost {
                 *gains = gains_of(point);
             }
             costs.fill(f64::NEG_INFINITY);
-            for (test, margin) in &self.plants {
+            for (test, sweep) in &self.plants {
                 // The slices are of one length.
                 if test.figures_batch(&gains[..costs.len()], &mut figures[..costs.len()]).is_err() {
                     costs.fill(f64::INFINITY);
                 }
                 for ((cost, figures), gains) in costs.iter_mut().zip(&figures).zip(&gains) {
-                    *cost = cost.max(self.weigh(figures, margin, *gains));
+                    *cost = cost.max(self.weigh(figures, sweep, *gains));
                 }
             }
         }
@@ -204,8 +204,9 @@ mod tests {
         assert!(frugal.control_energy < 0.9 * plain.control_energy);
         let robust = StepCostParams { sensitivity_weight: 10.0, sensitivity_allowed: 1.3, ..Default::default() };
         let gains = tune_pid(&cost(robust), [50.0; 3].into(), Seed(2)).unwrap().gains;
-        let margin = LoopSensitivity::new(&StandIn::P1.plant().unwrap(), 0.02, 0.01).unwrap();
-        assert!(margin.greatest(gains) < 1.31, "{}", margin.greatest(gains));
+        let sweep = FrequencySweep::new(&StandIn::P1.plant().unwrap(), 0.01, 0.02).unwrap();
+        let sensitivity = sweep.margins(gains).sensitivity;
+        assert!(sensitivity < 1.31, "{sensitivity}");
     }
 
     #[test]
@@ -218,7 +219,9 @@ mod tests {
             sensitivity_weight: 1.0,
             ..Default::default()
         };
-        let alone = plants.each_ref().map(|plant| StepCost::new(std::slice::from_ref(plant), StepTestParams::default(), params).unwrap());
+        let alone = plants
+            .each_ref()
+            .map(|plant| StepCost::new(std::slice::from_ref(plant), StepTestParams::default(), params).unwrap());
         let all = StepCost::new(&plants, StepTestParams::default(), params).unwrap();
         let points: Vec<f64> = (0..3 * 11).map(|k| f64::from(k * 7 % 13) * 0.3).collect();
         let mut costs = [0.0; 11];
