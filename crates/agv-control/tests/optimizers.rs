@@ -61,7 +61,9 @@ fn cma_es(dimension: usize) -> impl Fn(Seed) -> CmaEs {
 #[test]
 fn minima_are_found_on_bowls_in_valleys_and_among_peaks() {
     type Function = fn(&[f64]) -> f64;
-    let table: [(&str, Function, usize, f64, f64, usize, [usize; 3]); 4] = [
+    // Dimension, half of the box, target, budget, and the least number of successes of each.
+    type Row = (&'static str, Function, usize, f64, f64, usize, [usize; 3]);
+    let table: [Row; 4] = [
         ("sphere", sphere, 5, 100.0, 1e-3, 6000, [20, 20, 20]),
         ("Rosenbrock", rosenbrock, 3, 5.0, 1e-2, 6000, [20, 20, 20]),
         ("Rastrigin", rastrigin, 2, 5.12, 1e-3, 3000, [18, 18, 12]),

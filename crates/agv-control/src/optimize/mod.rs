@@ -59,6 +59,28 @@ pub trait Optimizer {
     fn spread(&self) -> f64;
 }
 
+impl<O: Optimizer + ?Sized> Optimizer for Box<O> {
+    fn dimension(&self) -> usize {
+        (**self).dimension()
+    }
+
+    fn ask(&self) -> &[f64] {
+        (**self).ask()
+    }
+
+    fn tell(&mut self, costs: &[f64]) -> Result<(), Error> {
+        (**self).tell(costs)
+    }
+
+    fn best(&self) -> Option<(&[f64], f64)> {
+        (**self).best()
+    }
+
+    fn spread(&self) -> f64 {
+        (**self).spread()
+    }
+}
+
 /// A cost that can be compared: NaN loses.
 pub(crate) fn comparable(cost: f64) -> f64 {
     if cost.is_nan() { f64::INFINITY } else { cost }

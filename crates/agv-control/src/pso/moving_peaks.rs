@@ -107,6 +107,11 @@ impl MovingPeaks {
     pub fn error(&self, point: &[f64]) -> f64 {
         self.height * self.greatest + self.evaluate(point)
     }
+
+    /// The same as a part of the highest peak.
+    pub fn relative_error(&self, point: &[f64]) -> f64 {
+        self.error(point) / (self.height * self.greatest)
+    }
 }
 
 impl Objective for MovingPeaks {
