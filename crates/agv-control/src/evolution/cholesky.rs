@@ -2,6 +2,7 @@
 
 /// The factor, row by row; entries right of the diagonal are zero and stay so.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub(super) struct CholeskyFactor {
     dimension: usize,
     rows: Vec<f64>,
@@ -12,6 +13,24 @@ impl CholeskyFactor {
         let mut factor = Self { dimension, rows: vec![0.0; dimension * dimension] };
         factor.reset();
         factor
+    }
+
+    /// Whether a factor from elsewhere is one: of the right size, finite, lower triangular, with a positive diagonal.
+    #[cfg(feature = "serde")]
+    pub(super) fn check(&self, dimension: usize) -> Result<(), agv_core::Error> {
+        use agv_core::check;
+
+        check::at_least("factor", self.dimension, 1)?;
+        check::length("factor", self.dimension, dimension)?;
+        check::length("rows of the factor", self.rows.len(), dimension.saturating_mul(dimension))?;
+        for (at, &entry) in self.rows.iter().enumerate() {
+            match (at / dimension).cmp(&(at % dimension)) {
+                std::cmp::Ordering::Less => check::in_range("right of the factor's diagonal", entry, 0.0, 0.0)?,
+                std::cmp::Ordering::Equal => check::positive("diagonal of the factor", entry)?,
+                std::cmp::Ordering::Greater => check::finite("factor", entry)?,
+            };
+        }
+        Ok(())
     }
 
     pub(super) fn reset(&mut self) {

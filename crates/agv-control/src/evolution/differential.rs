@@ -35,6 +35,11 @@ impl Default for DifferentialEvolutionParams {
 
 /// Differential evolution; the [`Optimizer`] role.
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "RawDifferentialEvolution")
+)]
 pub struct DifferentialEvolution {
     params: DifferentialEvolutionParams,
     dimension: usize,
@@ -43,8 +48,42 @@ pub struct DifferentialEvolution {
     /// What is asked for, and what has survived.
     trials: Vec<f64>,
     survivors: Vec<f64>,
+    #[cfg_attr(feature = "serde", serde(with = "crate::optimize::stored_costs"))]
     costs: Vec<f64>,
     leader: usize,
+}
+
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+struct RawDifferentialEvolution {
+    params: DifferentialEvolutionParams,
+    dimension: usize,
+    seed: Seed,
+    generation: u64,
+    trials: Vec<f64>,
+    survivors: Vec<f64>,
+    #[serde(with = "crate::optimize::stored_costs")]
+    costs: Vec<f64>,
+    leader: usize,
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<RawDifferentialEvolution> for DifferentialEvolution {
+    type Error = Error;
+
+    fn try_from(raw: RawDifferentialEvolution) -> Result<Self, Error> {
+        // Lengths before anything is made of them: a checkpoint must not ask for more memory than it fills.
+        let RawDifferentialEvolution { params, dimension, seed, generation, trials, survivors, costs, leader } = raw;
+        check::length("costs", costs.len(), params.population)?;
+        check::length("trials", trials.len(), params.population.saturating_mul(dimension))?;
+        check::length("survivors", survivors.len(), trials.len())?;
+        check::in_range("leader", leader as f64, 0.0, params.population as f64 - 1.0)?;
+        for &x in trials.iter().chain(&survivors) {
+            check::in_range("coordinate", x, 0.0, 1.0)?;
+        }
+        let fresh = Self::new(dimension, params, seed)?;
+        Ok(Self { generation, trials, survivors, costs, leader, ..fresh })
+    }
 }
 
 impl DifferentialEvolution {

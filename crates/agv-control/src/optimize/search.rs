@@ -7,20 +7,53 @@ use agv_core::{Error, check, compute::Par};
 /// An optimiser at work in a space of the user's units.
 ///
 /// [`run`](Self::run) goes on until it must stop. [`advance`](Self::advance) spends a few evaluations at a time, which is
-/// how a controller is tuned while its vehicle drives. After the first generation neither allocates.
+/// how a controller is tuned while its vehicle drives. After the first generation neither allocates. A checkpoint keeps whole
+/// generations: one that was begun is evaluated again.
 #[derive(Debug, Clone)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "RawSearch<O>", bound(deserialize = "O: Optimizer + serde::Deserialize<'de>"))
+)]
 pub struct Search<O> {
     space: SearchSpace,
     optimizer: O,
     par: Par,
     /// The generation that is being evaluated, in the user's units, and the costs so far.
+    #[cfg_attr(feature = "serde", serde(skip_serializing))]
     points: Vec<f64>,
+    #[cfg_attr(feature = "serde", serde(skip_serializing))]
     costs: Vec<f64>,
+    #[cfg_attr(feature = "serde", serde(skip_serializing))]
     evaluated: usize,
     /// Best point in the user's units.
+    #[cfg_attr(feature = "serde", serde(skip_serializing))]
     best: Vec<f64>,
+    /// Of whole generations.
     evaluations: usize,
     iterations: usize,
+}
+
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+struct RawSearch<O> {
+    space: SearchSpace,
+    optimizer: O,
+    par: Par,
+    evaluations: usize,
+    iterations: usize,
+}
+
+#[cfg(feature = "serde")]
+impl<O: Optimizer> TryFrom<RawSearch<O>> for Search<O> {
+    type Error = Error;
+
+    fn try_from(raw: RawSearch<O>) -> Result<Self, Error> {
+        let mut search = Self::new(raw.space, raw.optimizer)?.with_parallelism(raw.par);
+        (search.evaluations, search.iterations) = (raw.evaluations, raw.iterations);
+        search.take_best();
+        Ok(search)
+    }
 }
 
 /// Where a search ended.
@@ -84,7 +117,7 @@ impl<O: Optimizer> Search<O> {
 
     /// Evaluations so far.
     pub fn evaluations(&self) -> usize {
-        self.evaluations
+        self.evaluations + self.evaluated
     }
 
     /// Complete generations so far.
@@ -103,15 +136,13 @@ impl<O: Optimizer> Search<O> {
         let points = &self.points[from * dimension..to * dimension];
         evaluate_all(objective, points, &mut self.costs[from..to], self.par);
         self.evaluated = to;
-        self.evaluations += to - from;
         if to < self.costs.len() {
             return Ok(false);
         }
         self.optimizer.tell(&self.costs)?;
+        self.evaluations += to;
         self.iterations += 1;
-        if let Some((unit, _)) = self.optimizer.best() {
-            self.space.values_into(unit, &mut self.best);
-        }
+        self.take_best();
         self.begin();
         Ok(true)
     }
@@ -147,14 +178,14 @@ impl<O: Optimizer> Search<O> {
             // A cost that rises is that of a new environment: the search begins anew.
             stalled = if cost == least { stalled + 1 } else { 0 };
             least = cost;
-            let (iteration, evaluations) = (self.iterations, self.evaluations);
+            let (iteration, evaluations) = (self.iterations, self.evaluations());
             observe(&Record { iteration, evaluations, point, cost, spread: self.optimizer.spread() });
         };
         let (point, cost) = self.best().map_or((&[][..], f64::INFINITY), |best| best);
         Ok(Outcome {
             point: point.to_vec(),
             cost,
-            evaluations: self.evaluations,
+            evaluations: self.evaluations(),
             iterations: self.iterations,
             termination,
         })
@@ -176,7 +207,13 @@ impl<O: Optimizer> Search<O> {
         if self.iterations >= stopping.max_iterations {
             return Some(Termination::MaxIterations);
         }
-        (self.evaluations.saturating_add(pending) > stopping.max_evaluations).then_some(Termination::MaxEvaluations)
+        (self.evaluations().saturating_add(pending) > stopping.max_evaluations).then_some(Termination::MaxEvaluations)
+    }
+
+    fn take_best(&mut self) {
+        if let Some((unit, _)) = self.optimizer.best() {
+            self.space.values_into(unit, &mut self.best);
+        }
     }
 
     /// Takes the next generation from the optimiser.

@@ -108,9 +108,9 @@ impl MovingPeaks {
         self.height * self.greatest + self.evaluate(point)
     }
 
-    /// The same as a part of the highest peak.
+    /// The same as a part of the highest peak, not below zero.
     pub fn relative_error(&self, point: &[f64]) -> f64 {
-        self.error(point) / (self.height * self.greatest)
+        (self.error(point) / (self.height * self.greatest)).max(0.0)
     }
 }
 
