@@ -60,7 +60,7 @@ pub(crate) fn run(args: &Args, out: &Path, report: &mut Report) -> Result<()> {
     TimeSeries::new("Moving peaks: error after a change", "iteration after the change", "error / optimum")
         .curve("without sensitive particles", Color::Orange, curve(&without))
         .curve("with sensitive particles", Color::Blue, curve(&with))
-        .write(out.join("peaks_error.svg"))?;
+        .write(out.join("peaks_error.png"))?;
     Ok(())
 }
 

@@ -80,6 +80,13 @@ impl Results {
         self.runs.iter().min_by(|a, b| a.0.cost.total_cmp(&b.0.cost))
     }
 
+    /// The run of median cost: what to expect of one seed.
+    fn typical(&self) -> Option<&(Outcome, History)> {
+        let mut runs: Vec<_> = self.runs.iter().collect();
+        runs.sort_by(|a, b| a.0.cost.total_cmp(&b.0.cost));
+        runs.get(runs.len().saturating_sub(1) / 2).copied()
+    }
+
     fn median_cost(&self) -> f64 {
         median(self.runs.iter().map(|(outcome, _)| outcome.cost))
     }
@@ -113,7 +120,9 @@ pub(crate) fn run(args: &Args, out: &Path, report: &mut Report) -> Result<()> {
     }
     let results = Results::of(args, args.method, &problem)?;
     let standard = Results::of(args, Method::Pso, &problem)?;
-    let (Some(best), Some(classic)) = (results.best(), standard.best()) else { return Ok(()) };
+    let (Some(best), Some(typical), Some(classic)) = (results.best(), results.typical(), standard.typical()) else {
+        return Ok(());
+    };
     report
         .number("success_rate", results.success_rate())
         .number("best_cost", best.0.cost)
@@ -129,15 +138,20 @@ pub(crate) fn run(args: &Args, out: &Path, report: &mut Report) -> Result<()> {
         .number("settling_time_s", metrics.settling_time.unwrap_or(f64::NAN))
         .number("rise_time_s", metrics.rise_time.unwrap_or(f64::NAN))
         .number("overshoot_percent", 100.0 * metrics.overshoot);
-    draw(args, out, &problem, &results, classic)
+    draw(args, out, &problem, &results, [classic, typical])
 }
 
 /// Figs. 30 to 34: cost and gains over the iterations, and step responses.
-fn draw(args: &Args, out: &Path, problem: &Problem, results: &Results, classic: &(Outcome, History)) -> Result<()> {
+fn draw(
+    args: &Args,
+    out: &Path,
+    problem: &Problem,
+    results: &Results,
+    [classic, typical]: [&(Outcome, History); 2],
+) -> Result<()> {
     let plant = name_of(&args.plant).to_uppercase();
     let method = name_of(&args.method);
-    let Some(best) = results.best() else { return Ok(()) };
-    let file = |what: &str| out.join(format!("{}_{what}.svg", plant.to_lowercase()));
+    let file = |what: &str| out.join(format!("{}_{what}.png", plant.to_lowercase()));
 
     let title = format!("{plant}: cost over the evaluations, {method} in every seed");
     let mut costs = TimeSeries::new(title, "evaluations", "log10 of ITAE");
@@ -150,22 +164,23 @@ fn draw(args: &Args, out: &Path, problem: &Problem, results: &Results, classic: 
     let end = args.budget() as f64;
     costs
         .curve("success", Color::Grey, [(0.0, problem.target.log10()), (end, problem.target.log10())])
-        .curve("standard, best seed", Color::Orange, curve(&classic.1))
-        .curve(&format!("{method}, best seed"), Color::Blue, curve(&best.1))
+        .curve("standard, median seed", Color::Orange, curve(&classic.1))
+        .curve(&format!("{method}, median seed"), Color::Blue, curve(&typical.1))
         .write(file("convergence"))?;
 
     for (at, gain) in ["kp", "ki", "kd"].into_iter().enumerate() {
         let curve =
             |history: &History| history.records().map(|r| (r.iteration as f64, r.point[at])).collect::<Vec<_>>();
-        TimeSeries::new(format!("{plant}: {gain} of the best particle"), "iteration", gain)
+        TimeSeries::new(format!("{plant}: {gain} of the best particle, median seed"), "iteration", gain)
             .curve("standard", Color::Orange, curve(&classic.1))
-            .curve(&method, Color::Blue, curve(&best.1))
+            .curve(&method, Color::Blue, curve(&typical.1))
             .write(file(gain))?;
     }
 
     let unit = if args.plant == Plant::P2 { "y [m]" } else { "y" };
-    let mut steps = TimeSeries::new(format!("{plant}: step responses of the best gains"), "time [s]", unit);
-    for (label, color, (outcome, _)) in [("standard", Color::Orange, classic), (method.as_str(), Color::Blue, best)] {
+    let mut steps = TimeSeries::new(format!("{plant}: step responses, median seed"), "time [s]", unit);
+    for (label, color, (outcome, _)) in [("standard", Color::Orange, classic), (method.as_str(), Color::Blue, typical)]
+    {
         let (response, _) = respond(problem, &outcome.point)?;
         let points = response.outputs.iter().enumerate().map(|(k, y)| (k as f64 * response.dt, *y));
         steps = steps.curve(label, color, points);
