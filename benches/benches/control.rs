@@ -9,7 +9,7 @@ use agv_control::{
 };
 use agv_core::{
     geometry::Twist2,
-    kinematics::TwistLimits,
+    kinematics::MotionLimits,
     nalgebra::Vector2,
     path::Path,
     roles::{Controller, PathTracker, VehicleState},
@@ -77,14 +77,13 @@ fn trackers(c: &mut Criterion) {
         .map(|t| Vector2::new(3.0 * t.sin(), 3.0 * t.sin() * t.cos()))
         .collect();
     let path = Path::from_positions(&positions).expect("finite");
-    let limits = TwistLimits::default();
-    let start = VehicleState { map_from_base: path.points()[0].pose, twist: Twist2::new(1.0, 0.0, 0.0) };
+    let limits = MotionLimits::default();
+    let start = VehicleState::new(path.points()[0].pose, Twist2::new(1.0, 0.0, 0.0));
     let drive = |tracker: &mut dyn PathTracker| {
         let mut state = start;
         for _ in 0..CYCLES {
             let command = tracker.command(&state, &limits, 0.02).expect("good state");
-            state.map_from_base = state.map_from_base * command.twist.integrate(0.02);
-            state.twist = command.twist;
+            state = state.after(&command.motion, 0.02);
         }
         state
     };

@@ -9,7 +9,7 @@ use agv_nav::control::{
 };
 use agv_nav::core::{
     geometry::Twist2,
-    kinematics::TwistLimits,
+    kinematics::MotionLimits,
     nalgebra::Vector2,
     path::Path,
     roles::{Controller, PathTracker, TrackStatus, VehicleState},
@@ -47,7 +47,7 @@ fn plants_and_step_tests() {
 #[test]
 fn trackers() {
     let corner: Vec<_> = [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.5, 2.5)].map(|(x, y)| Vector2::new(x, y)).to_vec();
-    let (path, limits) = (Path::from_positions(&corner).unwrap(), TwistLimits::default());
+    let (path, limits) = (Path::from_positions(&corner).unwrap(), MotionLimits::default());
     let trackers: [Box<dyn PathTracker>; 2] = [
         Box::new(PurePursuit::new(PurePursuitParams::default()).unwrap()),
         Box::new(PidTracker::new(PidTrackerParams::default()).unwrap()),
@@ -58,11 +58,10 @@ fn trackers() {
         let count = counter::count(|| {
             // A path no longer than the last one needs no room either.
             tracker.set_path(&path).unwrap();
-            let mut state = VehicleState { map_from_base: path.points()[0].pose, twist: Twist2::ZERO };
+            let mut state = VehicleState::new(path.points()[0].pose, Twist2::ZERO);
             for _ in 0..1000 {
                 let command = tracker.command(&state, &limits, 0.05).unwrap();
-                state.twist = command.twist;
-                state.map_from_base = state.map_from_base * command.twist.integrate(0.05);
+                state = state.after(&command.motion, 0.05);
                 arrived |= command.status == TrackStatus::Arrived;
             }
         });

@@ -47,6 +47,7 @@ macro_rules! table {
 
 table! {
     core::frames::FrameTreeParams,
+    core::geometry::PoseSigma,
     core::grid::CollisionParams,
     core::grid::DistanceParams,
     core::grid::GaussianParams,
@@ -57,6 +58,7 @@ table! {
     core::grid::RayCastParams,
     core::kinematics::AckermannParams,
     core::kinematics::DifferentialParams,
+    core::kinematics::DoubleAckermannParams,
     core::kinematics::MecanumParams,
     core::kinematics::TricycleParams,
     core::kinematics::TwistLimits,
@@ -68,6 +70,8 @@ table! {
     core::sensors::ScanGeometry,
     core::sensors::TriangulationParams,
     core::solve::LevenbergMarquardtParams,
+    core::solve::QuadraticParams,
+    core::solve::RobustKernel,
     control::evolution::CmaEsParams,
     control::evolution::DifferentialEvolutionParams,
     control::optimize::Stopping,
@@ -89,8 +93,9 @@ table! {
     filters::particle::LikelihoodFieldModelParams,
     filters::particle::MclParams,
     filters::particle::OdometryNoise,
+    core::roles::StatusParams,
     ndt::convert::CloudToScanParams,
     plan::grid::AStarParams,
-    plan::grid::DijkstraParams,
+    plan::grid::GridPlannerParams,
     plan::smooth::KeyNodesParams,
 }

@@ -112,13 +112,17 @@ fn values_between_the_parts_come_back() {
     let spatial = Se3::from_parts(Vector3::new(0.1, -0.0, 1e-300), So3::from_roll_pitch_yaw(0.3, 1.2, -3.0));
     assert_kept("Se3", &spatial);
     assert_kept("UncertainPose", &UncertainPose::new(pose, covariance).unwrap());
-    assert_kept("PoseEstimate", &PoseEstimate::new(pose, covariance));
+    let uncertain = UncertainPose::new(pose, covariance).unwrap();
+    assert_kept("PoseEstimate", &PoseEstimate::new(uncertain));
     let stamp = Some(Stamp::from_nanoseconds(i64::MAX));
-    assert_kept("PoseEstimate", &PoseEstimate { stamp, ..PoseEstimate::new(pose, covariance) });
-    assert_kept("PoseBelief", &PoseBelief::around(pose, covariance));
+    assert_kept("PoseEstimate", &PoseEstimate { stamp, ..PoseEstimate::new(uncertain) });
+    assert_kept("PoseBelief", &PoseBelief::Around(uncertain));
     assert_kept("PoseBelief", &PoseBelief::<Se2>::Anywhere);
     assert_kept("OdometryIncrement", &increment(0.1));
-    assert_kept("VehicleState", &VehicleState { map_from_base: pose, twist: Twist2::new(0.1, 0.2, 0.3) });
+    assert_kept(
+        "VehicleState",
+        &VehicleState { steering: Some(0.4), ..VehicleState::new(pose, Twist2::new(0.1, 0.2, 0.3)) },
+    );
     let corner = [(0.1, 0.2), (0.7, 0.2), (0.7, 0.9)].map(|(x, y)| Vector2::new(x, y));
     let path = Path::from_positions(&corner).unwrap();
     assert_kept("Path", &path);

@@ -15,20 +15,19 @@
 //! # Usage
 //! ```
 //! use agv_control::track::{PurePursuit, PurePursuitParams};
-//! use agv_core::kinematics::TwistLimits;
+//! use agv_core::kinematics::MotionLimits;
 //! use agv_core::nalgebra::Vector2;
 //! use agv_core::path::Path;
 //! use agv_core::roles::{PathTracker, TrackStatus, VehicleState};
 //!
 //! let path = Path::from_positions(&[Vector2::new(0.0, 0.0), Vector2::new(2.0, 0.0), Vector2::new(2.0, 2.0)])?;
-//! let (limits, dt) = (TwistLimits::default(), 0.05);
+//! let (limits, dt) = (MotionLimits::default(), 0.05);
 //! let mut tracker = PurePursuit::new(PurePursuitParams::default())?;
 //! tracker.set_path(&path)?;
 //! let mut state = VehicleState::default();
 //! loop {
 //!     let command = tracker.command(&state, &limits, dt)?;
-//!     state.map_from_base = state.map_from_base * command.twist.integrate(dt); // the caller's vehicle
-//!     state.twist = command.twist;
+//!     state = state.after(&command.motion, dt); // the caller's vehicle
 //!     if command.status == TrackStatus::Arrived {
 //!         break;
 //!     }

@@ -4,12 +4,13 @@ use agv_control::track::{PidTracker, PidTrackerParams, PurePursuit, PurePursuitP
 use agv_core::{
     compute::Seed,
     geometry::{Se2, Twist2},
-    kinematics::TwistLimits,
+    kinematics::{MotionLimits, TwistLimits},
     nalgebra::Vector2,
     path::{Gear, Path, PathPoint},
     roles::{PathTracker, TrackStatus, VehicleState, laws},
 };
 use rand_distr::{Distribution, Normal};
+use std::f64::consts::FRAC_PI_2;
 
 fn trackers() -> [(&'static str, Box<dyn PathTracker>); 2] {
     [
@@ -33,14 +34,56 @@ fn eight() -> Path {
     path(&points)
 }
 
+/// A path that every vehicle can drive: an S of two quarter circles of 2 m radius between lines.
+fn gentle() -> Path {
+    let mut points: Vec<(f64, f64)> = vec![(-1.0, 0.0)];
+    points.extend((0..=40).map(|i| f64::from(i) / 40.0 * FRAC_PI_2).map(|t| (2.0 * t.sin(), 2.0 - 2.0 * t.cos())));
+    points
+        .extend((1..=40).map(|i| f64::from(i) / 40.0 * FRAC_PI_2).map(|t| (4.0 - 2.0 * t.cos(), 2.0 + 2.0 * t.sin())));
+    points.push((6.0, 4.0));
+    path(&points)
+}
+
 #[test]
 fn trackers_obey_the_laws_of_their_role() {
-    let limits = TwistLimits::default();
-    for path in [path(&[(0.0, 0.0), (5.0, 0.0)]), path(&[(0.0, 0.0), (3.0, 0.0), (3.0, 3.0), (0.0, 3.0)]), eight()] {
-        for (name, mut tracker) in trackers() {
-            laws::path_tracker(tracker.as_mut(), &path, &limits, 0.05, 0.02)
-                .unwrap_or_else(|error| panic!("{name}: {error}"));
+    let sharp = path(&[(0.0, 0.0), (3.0, 0.0), (3.0, 3.0), (0.0, 3.0)]);
+    let mut turned = path(&[(0.0, 0.0), (2.0, 0.0)]);
+    turned.push_turn(FRAC_PI_2).unwrap();
+    turned.push(PathPoint { pose: Se2::new(2.0, 1.5, FRAC_PI_2), gear: Gear::Forward }).unwrap();
+    turned.push_turn(-2.0).unwrap();
+    for (vehicle, limits) in laws::vehicles() {
+        let steers = !limits.turns_on_the_spot();
+        for path in [path(&[(0.0, 0.0), (5.0, 0.0)]), gentle(), eight(), sharp.clone(), turned.clone()] {
+            // Corners and turns on the spot are beyond a vehicle that steers.
+            if steers && (path == sharp || path == turned || path.len() > 600) {
+                continue;
+            }
+            let (tolerance, heading_tolerance) = if steers { (0.05, 0.05) } else { (0.02, 0.02) };
+            for (name, mut tracker) in trackers() {
+                laws::path_tracker(tracker.as_mut(), &path, &limits, 0.05, tolerance, heading_tolerance)
+                    .unwrap_or_else(|error| panic!("{name}, {vehicle}, {} points: {error}", path.len()));
+            }
         }
+    }
+}
+
+#[test]
+fn a_vehicle_that_cannot_turn_on_the_spot_says_so() {
+    let mut path = path(&[(0.0, 0.0), (2.0, 0.0)]);
+    path.push_turn(1.0).unwrap();
+    let (_, limits) = laws::vehicles()[1];
+    for (name, mut tracker) in trackers() {
+        tracker.set_path(&path).unwrap();
+        let mut state = VehicleState { steering: Some(0.0), ..VehicleState::default() };
+        let mut status = TrackStatus::Tracking;
+        for _ in 0..300 {
+            let command = tracker.command(&state, &limits, 0.05).unwrap();
+            assert!(limits.allows_step(&state.motion(), &command.motion, 0.05), "{name}");
+            assert_ne!(command.status, TrackStatus::Arrived, "{name}");
+            (state, status) = (state.after(&command.motion, 0.05), command.status);
+        }
+        assert_eq!((status, state.twist), (TrackStatus::OffPath, Twist2::ZERO), "{name}");
+        assert!((state.map_from_base.x() - 2.0).abs() < 0.03, "{name}");
     }
 }
 
@@ -48,14 +91,11 @@ fn trackers_obey_the_laws_of_their_role() {
 fn a_vehicle_that_faces_away_turns_first() {
     for (name, mut tracker) in trackers() {
         tracker.set_path(&path(&[(0.0, 0.0), (4.0, 0.0)])).unwrap();
-        let mut state = VehicleState { map_from_base: Se2::new(0.0, 0.0, 3.0), twist: Twist2::ZERO };
+        let mut state = VehicleState::new(Se2::new(0.0, 0.0, 3.0), Twist2::ZERO);
         let mut farthest: f64 = 0.0;
         let arrived = (0..2000).any(|_| {
-            let command = tracker.command(&state, &TwistLimits::default(), 0.05).unwrap();
-            state = VehicleState {
-                map_from_base: state.map_from_base * command.twist.integrate(0.05),
-                twist: command.twist,
-            };
+            let command = tracker.command(&state, &MotionLimits::default(), 0.05).unwrap();
+            state = state.after(&command.motion, 0.05);
             farthest = farthest.max(state.map_from_base.y().abs());
             command.status == TrackStatus::Arrived
         });
@@ -68,10 +108,10 @@ fn a_vehicle_beside_the_end_has_not_arrived() {
     for (name, mut tracker) in trackers() {
         for (x, y) in [(9.0, 0.0), (4.0, 0.5), (4.5, 0.0)] {
             tracker.set_path(&path(&[(0.0, 0.0), (3.0, 0.0), (4.0, 0.0)])).unwrap();
-            let state = VehicleState { map_from_base: Se2::new(x, y, 0.0), twist: Twist2::ZERO };
+            let state = VehicleState::new(Se2::new(x, y, 0.0), Twist2::ZERO);
             // The progress is searched a little ahead only: as many calls as it takes to come to the end.
             let statuses: Vec<_> =
-                (0..20).map(|_| tracker.command(&state, &TwistLimits::default(), 0.05).unwrap().status).collect();
+                (0..20).map(|_| tracker.command(&state, &MotionLimits::default(), 0.05).unwrap().status).collect();
             assert!(statuses.iter().all(|s| *s != TrackStatus::Arrived), "{name} at ({x}, {y}): {statuses:?}");
             assert_eq!(statuses.last(), Some(&TrackStatus::OffPath), "{name} at ({x}, {y})");
         }
@@ -89,12 +129,9 @@ fn a_cusp_is_driven_in_both_gears() {
         let mut state = VehicleState::default();
         let mut reversed = false;
         let arrived = (0..2000).any(|_| {
-            let command = tracker.command(&state, &TwistLimits::default(), 0.05).unwrap();
-            state = VehicleState {
-                map_from_base: state.map_from_base * command.twist.integrate(0.05),
-                twist: command.twist,
-            };
-            reversed |= command.twist.vx < -0.1;
+            let command = tracker.command(&state, &MotionLimits::default(), 0.05).unwrap();
+            state = state.after(&command.motion, 0.05);
+            reversed |= command.motion.twist.vx < -0.1;
             command.status == TrackStatus::Arrived
         });
         let end = state.map_from_base;
@@ -106,7 +143,7 @@ fn a_cusp_is_driven_in_both_gears() {
 #[test]
 fn trackers_hold_the_path_against_noise_and_lag() {
     let (dt, lag, slip) = (0.02, 0.15, 1.03);
-    let limits = TwistLimits { yaw_rate: 2.0, yaw_acceleration: 4.0, ..TwistLimits::default() };
+    let limits = MotionLimits::from(TwistLimits { yaw_rate: 2.0, yaw_acceleration: 4.0, ..TwistLimits::default() });
     let (position_noise, yaw_noise) =
         (Normal::new(0.0, 0.01).unwrap(), Normal::new(0.0, 0.5_f64.to_radians()).unwrap());
     for seed in 0..5 {
@@ -123,10 +160,9 @@ fn trackers_hold_the_path_against_noise_and_lag() {
                     pose.y() + position_noise.sample(&mut noise),
                     pose.yaw() + yaw_noise.sample(&mut noise),
                 );
-                let reply =
-                    tracker.command(&VehicleState { map_from_base: measured, twist: command }, &limits, dt).unwrap();
+                let reply = tracker.command(&VehicleState::new(measured, command), &limits, dt).unwrap();
                 assert_ne!(reply.status, TrackStatus::OffPath, "{name} {reply:?} {pose:?} {seed}");
-                command = reply.twist;
+                command = reply.motion.twist;
                 let blend = 1.0 - (-dt / lag).exp();
                 twist.vx += (command.vx - twist.vx) * blend;
                 twist.yaw_rate += (command.yaw_rate - twist.yaw_rate) * blend;

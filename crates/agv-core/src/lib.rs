@@ -44,6 +44,7 @@ pub mod solve;
 #[cfg(feature = "serde")]
 mod stored_readings;
 pub mod time;
+pub mod trajectory;
 
 pub use error::Error;
 pub use nalgebra;

@@ -1,6 +1,9 @@
 //! Paths: the poses that a planner hands to a tracker.
 
-use crate::{Error, geometry::Se2};
+use crate::{
+    Error,
+    geometry::{LieGroup, Se2},
+};
 use nalgebra::Vector2;
 
 /// Which way a vehicle drives along a stretch of path.
@@ -14,17 +17,21 @@ pub enum Gear {
     Reverse,
 }
 
-/// One pose of a path.
+/// One pose of a path, to be reached by a straight line, or by a turn on the spot if it has the position of the one before.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PathPoint {
     /// Pose of the base in the map frame.
     pub pose: Se2,
-    /// How the stretch that ends here is driven. Where it changes, the vehicle stops: a cusp.
+    /// How the stretch that ends here is driven. Where it changes, the vehicle stops: a cusp. Of no meaning in a turn.
     pub gear: Gear,
 }
 
 /// A path as a sequence of poses in the map frame, joined by straight lines.
+///
+/// Two points of one position and different headings are a turn on the spot: the vehicle stops there, turns the shorter way to
+/// the second heading, and goes on. A point that repeats the one before says nothing. The last heading is the one to arrive
+/// with: where it is not that of the last line, the vehicle turns on the spot at the end, if it can.
 ///
 /// ```
 /// use agv_core::nalgebra::Vector2;
@@ -56,6 +63,9 @@ impl TryFrom<RawPath> for Path {
         Ok(Self { points: raw.points })
     }
 }
+
+/// Difference of headings, in radians, that is no turn but rounding.
+const SAME_HEADING: f64 = 1e-6;
 
 fn check_point(point: &PathPoint) -> Result<(), Error> {
     let pose = point.pose;
@@ -113,6 +123,39 @@ impl Path {
         Ok(())
     }
 
+    /// Appends a turn on the spot to a heading, in radians; to an empty path nothing.
+    ///
+    /// ```
+    /// use agv_core::nalgebra::Vector2;
+    /// use agv_core::path::Path;
+    ///
+    /// let mut path = Path::from_positions(&[Vector2::new(0.0, 0.0), Vector2::new(3.0, 0.0)])?;
+    /// path.push_turn(std::f64::consts::FRAC_PI_2)?;
+    /// assert!(path.is_turn(2) && !path.is_turn(1));
+    /// assert_eq!(path.length(), 3.0);
+    /// # Ok::<(), agv_core::Error>(())
+    /// ```
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`]; the path is then as it was.
+    pub fn push_turn(&mut self, yaw: f64) -> Result<(), Error> {
+        crate::check::finite("yaw", yaw)?;
+        self.points.last().copied().map_or(Ok(()), |PathPoint { pose, gear }| {
+            self.push(PathPoint { pose: Se2::new(pose.x(), pose.y(), yaw), gear })
+        })
+    }
+
+    /// Whether the point of this index is reached by a turn on the spot: it has the position of the one before, and another
+    /// heading (by more than a microradian).
+    pub fn is_turn(&self, index: usize) -> bool {
+        let pose = |i: usize| self.points.get(i).map(|point| point.pose);
+        let pair = index.checked_sub(1).and_then(pose).zip(pose(index));
+        pair.is_some_and(|(a, b)| {
+            let turn = a.rotation().inverse().compose(&b.rotation()).angle();
+            a.translation() == b.translation() && turn.abs() > SAME_HEADING
+        })
+    }
+
     /// Removes all points, keeping the memory.
     pub fn clear(&mut self) {
         self.points.clear();
@@ -149,6 +192,19 @@ mod tests {
         let path = Path::from_positions(&[Vector2::zeros(), p, p]).unwrap();
         let yaw = std::f64::consts::FRAC_PI_4;
         assert!(path.points().iter().all(|q| (q.pose.yaw() - yaw).abs() < 1e-12));
+    }
+
+    #[test]
+    fn turns_are_told_from_repeated_points() {
+        let mut path = Path::new();
+        assert!(path.push_turn(1.0).is_ok() && path.is_empty() && !path.is_turn(0));
+        for yaw in [0.0, 0.0, 1.0] {
+            path.push(PathPoint { pose: Se2::new(1.0, 2.0, yaw), gear: Gear::Reverse }).unwrap();
+        }
+        assert_eq!([0, 1, 2, 3].map(|i| path.is_turn(i)), [false, false, true, false]);
+        path.push_turn(-1.0).unwrap();
+        assert!(path.is_turn(3) && path.points()[3].gear == Gear::Reverse);
+        assert!(path.push_turn(f64::NAN).is_err() && path.len() == 4);
     }
 
     #[test]

@@ -164,10 +164,8 @@ impl Pid {
         }
         let (timing, state) = (&self.timing, &self.state);
         let params = &state.params;
-        let rate = match state.last {
-            Some(last) => timing.rate(state.rate, measurement - last.measurement),
-            None => 0.0,
-        };
+        // The first call changes nothing of a rate that is zero.
+        let rate = timing.rate(state.rate, measurement - state.last.map_or(measurement, |last| last.measurement));
         let growth = timing.integral_step * (set_point - measurement);
         let full = state.integral + growth;
         let wanted = full + (direct(params, set_point, measurement, rate) + feed_forward);

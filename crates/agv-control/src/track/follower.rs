@@ -1,61 +1,29 @@
-//! What all trackers share: progress, speed, limits and arrival.
+//! What all trackers share: progress, speed, turns on the spot, limits and arrival.
 
 use super::{
-    course::{Course, Projection},
-    speed,
+    course::{Course, Leg, Projection},
+    speed::SpeedProfile,
+    steering::{Steering, SteeringInput},
 };
 use agv_core::{
     Error, check,
-    geometry::{Twist2, angle_difference},
-    kinematics::{TwistLimits, stopping_speed},
+    geometry::{LieGroup, So2, Twist2},
+    kinematics::{Motion, MotionLimits, stopping_speed},
     path::{Gear, Path},
     roles::{PathTracker, TrackCommand, TrackError, TrackStatus, VehicleState},
 };
 use std::f64::consts::PI;
 
-/// What a steering law knows in one cycle.
-///
-/// Everything is in the direction of travel: on a reverse section the vehicle's tail leads, and `heading` is the tail's.
-#[derive(Debug, Clone, Copy)]
-pub struct SteeringInput<'a> {
-    /// The path, with [`Course::point_at`] for points ahead.
-    pub course: &'a Course,
-    /// The vehicle's place on it.
-    pub projection: Projection,
-    /// The vehicle's position in the map, in metres.
-    pub position: nalgebra::Vector2<f64>,
-    /// Direction that the vehicle's leading end points to, in radians.
-    pub heading: f64,
-    /// Heading of the leading end relative to the path, in radians.
-    pub heading_error: f64,
-    /// Speed that is planned for this cycle, in metres per second, not negative.
-    pub speed: f64,
-    /// What the vehicle can do.
-    pub limits: &'a TwistLimits,
-    /// Time until the next cycle, in seconds.
-    pub dt: f64,
-}
-
-/// How to turn: the part in which trackers differ.
-pub trait Steering {
-    /// Turn rate for the next cycle, in radians per second.
-    ///
-    /// # Errors
-    /// Whatever the law's parts refuse; the follower then commands nothing.
-    fn yaw_rate(&mut self, input: &SteeringInput<'_>) -> Result<f64, TrackError>;
-
-    /// Forgets the past: there is a new path, or a new section of it.
-    fn reset(&mut self);
-}
-
 /// Parameters of a [`Follower`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct FollowerParams {
-    /// Greatest acceleration to the side in a bend, in metres per second squared.
+    /// Greatest acceleration to the side in a bend that is planned for, in metres per second squared; the vehicle's own limit counts,
+    /// too.
     pub lateral_acceleration: f64,
-    /// Heading error above which the vehicle turns on the spot before it drives, in radians; π for vehicles that
-    /// cannot turn on the spot.
+    /// Length over which a corner of the path is read as a bend, in metres: about what the vehicle may cut off.
+    pub bend_window: f64,
+    /// Heading error above which a vehicle that can turn on the spot does so before it drives, in radians; π for never.
     pub turn_in_place: f64,
     /// Time by which the vehicle's speed lags behind the command, in seconds: it rolls on for so long when it stops.
     pub response_time: f64,
@@ -64,21 +32,29 @@ pub struct FollowerParams {
     /// Distance from the end of the path at which a vehicle that stopped has arrived, in metres: beyond it the tracker
     /// reports [`TrackStatus::OffPath`].
     pub arrival_tolerance: f64,
+    /// Heading error at which a turn on the spot ends, in radians.
+    pub heading_tolerance: f64,
+    /// Heading error at the end of the path with which a vehicle that cannot turn on the spot has arrived all the same, in radians:
+    /// beyond it the tracker reports [`TrackStatus::OffPath`].
+    pub arrival_heading_tolerance: f64,
     /// Distance from the path beyond which the vehicle stops and reports [`TrackStatus::OffPath`], in metres.
     pub max_cross_track: f64,
 }
 
 impl Default for FollowerParams {
-    /// An indoor AGV with a load that must not shift: 0.5 m/s² to the side, turning on the spot beyond 45° as Nav2's
-    /// regulated pure pursuit does, drives that settle within half a second, a stop 1 cm before the end, and 10 cm of
-    /// room for noise and overshoot.
+    /// An indoor AGV with a load that must not shift: 0.5 m/s² to the side, corners cut off by half a metre, turning on the spot
+    /// beyond 45° as Nav2's regulated pure pursuit does, drives that settle within half a second, a stop 1 cm before the end, and
+    /// 10 cm of room for noise and overshoot; headings to about one degree, and Nav2's 0.25 rad where the vehicle cannot turn.
     fn default() -> Self {
         Self {
             lateral_acceleration: 0.5,
+            bend_window: 0.5,
             turn_in_place: PI / 4.0,
             response_time: 0.15,
             goal_tolerance: 0.01,
             arrival_tolerance: 0.1,
+            heading_tolerance: 0.02,
+            arrival_heading_tolerance: 0.25,
             max_cross_track: 1.0,
         }
     }
@@ -89,6 +65,7 @@ impl Default for FollowerParams {
 pub struct Follower<S> {
     params: FollowerParams,
     course: Course,
+    profile: SpeedProfile,
     steering: S,
     /// Whether the vehicle is turning on the spot: it goes on until it is well aligned.
     turning: bool,
@@ -104,12 +81,16 @@ impl<S: Steering> Follower<S> {
     /// The first parameter that is out of its range.
     pub fn with_steering(params: FollowerParams, steering: S) -> Result<Self, Error> {
         check::positive("lateral_acceleration", params.lateral_acceleration)?;
+        check::positive("bend_window", params.bend_window)?;
         check::in_range("turn_in_place", params.turn_in_place, 0.01, PI)?;
         check::non_negative("response_time", params.response_time)?;
         check::positive("goal_tolerance", params.goal_tolerance)?;
         check::in_range("arrival_tolerance", params.arrival_tolerance, params.goal_tolerance, f64::MAX)?;
+        check::positive("heading_tolerance", params.heading_tolerance)?;
+        check::in_range("arrival_heading_tolerance", params.arrival_heading_tolerance, params.heading_tolerance, PI)?;
         check::positive("max_cross_track", params.max_cross_track)?;
-        Ok(Self { params, course: Course::default(), steering, turning: false })
+        let course = Course::new(params.bend_window);
+        Ok(Self { params, course, profile: SpeedProfile::default(), steering, turning: false })
     }
 
     /// The path as the tracker sees it.
@@ -117,87 +98,152 @@ impl<S: Steering> Follower<S> {
         &self.course
     }
 
-    /// Speed along the course that bends and the stop ahead allow, in metres per second.
-    fn planned_speed(&self, to_stop: f64, limits: &TwistLimits, dt: f64) -> f64 {
-        let top = if self.course.gear() == Gear::Forward { limits.forward_speed } else { limits.reverse_speed };
-        speed::speed_for_bends(self.course.bends_ahead(), limits, self.params.lateral_acceleration, top)
-            .min(stopping_speed(to_stop, limits.deceleration, dt + self.params.response_time))
+    /// The greatest speed along the course, as of the last command.
+    pub const fn profile(&self) -> &SpeedProfile {
+        &self.profile
+    }
+
+    /// The vehicle stands where the present section ends: goes on with the next, if there is one.
+    fn next_section(&mut self) -> TrackStatus {
+        if !self.course.next_section() {
+            return TrackStatus::Arrived;
+        }
+        self.steering.reset();
+        self.turning = false;
+        TrackStatus::Tracking
+    }
+
+    /// The command on a section that is driven.
+    fn drive(&mut self, cycle: &Cycle<'_>, gear: Gear) -> Result<(Motion, TrackStatus), TrackError> {
+        let Cycle { state, limits, dt, projection, heading, heading_error } = *cycle;
+        let p = &self.params;
+        let to_stop = self.course.section_end() - projection.arc_length;
+        let at_stop = to_stop <= p.goal_tolerance;
+        // At a stop the nearest point is the end of the section, so the error is the distance from it.
+        let tolerance = if at_stop { p.arrival_tolerance } else { p.max_cross_track };
+        let off_path = projection.cross_track.abs() > tolerance;
+        if at_stop || off_path {
+            let motion = limits.brake(&state.motion(), dt)?;
+            if off_path {
+                return Ok((motion, TrackStatus::OffPath));
+            }
+            let rests = motion.twist == Twist2::ZERO;
+            return Ok((motion, if rests { self.next_section() } else { TrackStatus::Tracking }));
+        }
+        let threshold = p.turn_in_place * if self.turning { ALIGNED } else { 1.0 };
+        self.turning = limits.turns_on_the_spot() && p.turn_in_place < PI && heading_error.abs() > threshold;
+        if self.turning {
+            return Ok((self.turn_by(-heading_error, cycle)?, TrackStatus::Tracking));
+        }
+        let top = if gear == Gear::Forward { limits.twist.forward_speed } else { limits.twist.reverse_speed };
+        let speed = self.profile.speed_at(projection.arc_length).min(top).min(stopping_speed(
+            to_stop,
+            limits.twist.deceleration,
+            dt + p.response_time,
+        ));
+        let twist = in_gear(&state.twist, gear);
+        let position = state.map_from_base.translation();
+        let (course, profile) = (&self.course, &self.profile);
+        let input = SteeringInput {
+            course,
+            profile,
+            projection,
+            position,
+            heading,
+            heading_error,
+            twist,
+            speed,
+            state,
+            gear,
+            limits,
+            dt,
+        };
+        let wanted = self.steering.twist(&input)?;
+        // Faster than planned is slowed down, so that the curve stays the one that was asked for.
+        let scale = (speed / wanted.speed()).min(1.0);
+        let wanted = Twist2::new(scale * wanted.vx, scale * wanted.vy, scale * wanted.yaw_rate);
+        let wanted = if scale > 0.0 { wanted } else { Twist2::ZERO };
+        Ok((limits.step(&state.motion(), &in_gear(&wanted, gear).into(), dt)?, TrackStatus::Tracking))
+    }
+
+    /// The command in a turn on the spot.
+    fn turn(&mut self, cycle: &Cycle<'_>) -> Result<(Motion, TrackStatus), TrackError> {
+        let Cycle { state, limits, dt, projection, heading_error, .. } = *cycle;
+        let p = &self.params;
+        let able = limits.turns_on_the_spot();
+        let enough = if able { p.heading_tolerance } else { p.arrival_heading_tolerance };
+        let strayed = projection.cross_track.abs() > p.max_cross_track;
+        if !strayed && able && heading_error.abs() > enough {
+            return Ok((self.turn_by(-heading_error, cycle)?, TrackStatus::Tracking));
+        }
+        let motion = limits.brake(&state.motion(), dt)?;
+        if strayed || heading_error.abs() > enough {
+            return Ok((motion, TrackStatus::OffPath));
+        }
+        let rests = motion.twist == Twist2::ZERO;
+        Ok((motion, if rests { self.next_section() } else { TrackStatus::Tracking }))
+    }
+
+    /// A turn on the spot by an angle in radians, braking in time to end it.
+    fn turn_by(&self, angle: f64, cycle: &Cycle<'_>) -> Result<Motion, Error> {
+        let Cycle { state, limits, dt, .. } = *cycle;
+        let reaction = dt + self.params.response_time;
+        let rate = stopping_speed(angle.abs(), limits.twist.yaw_acceleration, reaction).min(limits.twist.yaw_rate);
+        limits.step(&state.motion(), &Twist2::new(0.0, 0.0, rate.copysign(angle)).into(), dt)
+    }
+}
+
+/// What the parts of a command share.
+#[derive(Clone, Copy)]
+struct Cycle<'a> {
+    state: VehicleState,
+    limits: &'a MotionLimits,
+    dt: f64,
+    projection: Projection,
+    heading: So2,
+    heading_error: f64,
+}
+
+/// From the base frame to that of the leading end, and back.
+fn in_gear(twist: &Twist2, gear: Gear) -> Twist2 {
+    match gear {
+        Gear::Forward => *twist,
+        Gear::Reverse => Twist2::new(-twist.vx, -twist.vy, twist.yaw_rate),
     }
 }
 
 impl<S: Steering> PathTracker for Follower<S> {
     fn set_path(&mut self, path: &Path) -> Result<(), TrackError> {
         self.course.set(path)?;
+        self.profile.reset(&self.course);
         self.steering.reset();
         self.turning = false;
         Ok(())
     }
 
-    fn command(&mut self, state: &VehicleState, limits: &TwistLimits, dt: f64) -> Result<TrackCommand, TrackError> {
-        let (pose, twist) = (state.map_from_base, state.twist);
-        check::all_finite("map_from_base", &[pose.x(), pose.y(), pose.yaw()])?;
-        check::all_finite("twist", &[twist.vx, twist.vy, twist.yaw_rate])?;
+    fn command(&mut self, state: &VehicleState, limits: &MotionLimits, dt: f64) -> Result<TrackCommand, TrackError> {
+        state.validate()?;
         limits.validate()?;
         check::positive("dt", dt)?;
 
+        let p = &self.params;
+        let lateral = limits.lateral_acceleration.unwrap_or(f64::INFINITY).min(p.lateral_acceleration);
+        self.profile.update(&self.course, &MotionLimits { lateral_acceleration: Some(lateral), ..*limits });
         // Far enough ahead that a fast vehicle is found again, near enough that a crossing branch is not.
-        let reach = 4.0 * limits.forward_speed.max(limits.reverse_speed) * dt + self.params.max_cross_track;
+        let reach = 4.0 * limits.twist.forward_speed.max(limits.twist.reverse_speed) * dt + p.max_cross_track;
+        let pose = state.map_from_base;
         let projection = self.course.advance(&pose.translation(), reach).ok_or(TrackError::NoPath)?;
-        let to_stop = self.course.section_end() - projection.arc_length;
-        let at_stop = to_stop <= self.params.goal_tolerance;
-        // At a stop the nearest point is the end of the section, so the error is the distance from it.
-        let tolerance = if at_stop { self.params.arrival_tolerance } else { self.params.max_cross_track };
-        let off_path = projection.cross_track.abs() > tolerance;
-
-        let sign = if self.course.gear() == Gear::Forward { 1.0 } else { -1.0 };
-        let heading = if sign > 0.0 { pose.yaw() } else { pose.yaw() + PI };
-        let heading_error = angle_difference(heading, projection.direction);
         let remaining = self.course.length() - projection.arc_length;
-        let done = |twist: Twist2, status: TrackStatus| TrackCommand {
-            twist,
-            status,
-            cross_track_error: projection.cross_track,
-            heading_error,
-            remaining,
-        };
-        if at_stop || off_path {
-            let twist = limits.step(&twist, &Twist2::ZERO, dt)?;
-            let rests = twist == Twist2::ZERO;
-            if at_stop && rests && !off_path {
-                if self.course.next_section() {
-                    self.steering.reset();
-                    self.turning = false;
-                    return Ok(done(twist, TrackStatus::Tracking));
-                }
-                return Ok(done(twist, TrackStatus::Arrived));
-            }
-            return Ok(done(twist, if off_path { TrackStatus::OffPath } else { TrackStatus::Tracking }));
-        }
+        let leg = self.course.leg();
+        let reverses = leg == Leg::Drive(Gear::Reverse);
+        let heading = if reverses { pose.rotation().compose(&So2::from_direction(-1.0, 0.0)) } else { pose.rotation() };
+        let heading_error = projection.direction.inverse().compose(&heading).angle();
 
-        let planned = self.planned_speed(to_stop, limits, dt);
-        let input = SteeringInput {
-            course: &self.course,
-            projection,
-            position: pose.translation(),
-            heading,
-            heading_error,
-            speed: planned,
-            limits,
-            dt,
+        let cycle = Cycle { state: *state, limits, dt, projection, heading, heading_error };
+        let (motion, status) = match leg {
+            Leg::Drive(gear) => self.drive(&cycle, gear)?,
+            Leg::Turn(_) => self.turn(&cycle)?,
         };
-        let threshold = self.params.turn_in_place * if self.turning { ALIGNED } else { 1.0 };
-        let turning = self.params.turn_in_place < PI && heading_error.abs() > threshold;
-        let (wanted_speed, wanted_rate) = if turning {
-            // On the spot, braking in time to face the path.
-            let rate = stopping_speed(heading_error.abs(), limits.yaw_acceleration, dt).min(limits.yaw_rate);
-            (0.0, -rate.copysign(heading_error))
-        } else {
-            let rate = self.steering.yaw_rate(&input)?;
-            // A rate beyond the limit slows the vehicle down, so that the curve stays the one that was asked for.
-            (planned * (limits.yaw_rate / rate.abs()).min(1.0), rate.clamp(-limits.yaw_rate, limits.yaw_rate))
-        };
-        self.turning = turning;
-        let wanted = Twist2::new(sign * wanted_speed, 0.0, wanted_rate);
-        Ok(done(limits.step(&twist, &wanted, dt)?, TrackStatus::Tracking))
+        Ok(TrackCommand { motion, status, cross_track_error: projection.cross_track, heading_error, remaining })
     }
 }

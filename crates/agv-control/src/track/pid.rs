@@ -10,11 +10,14 @@
 //! Acting on the heading, the outer loop is the integrator `y' = v sin(approach)` whatever the vehicle does, so its
 //! gains hold for every vehicle; they are per metre, so that the way back has the same shape at every speed.
 
-use super::follower::{Follower, FollowerParams, Steering, SteeringInput};
+use super::{
+    follower::{Follower, FollowerParams},
+    steering::{Steering, SteeringInput},
+};
 use crate::pid::{Pid, PidParams};
 use agv_core::{
     Error, check,
-    geometry::angle_difference,
+    geometry::{LieGroup, So2, Twist2},
     kinematics::stopping_speed,
     roles::{ControlError, Controller, TrackError},
 };
@@ -92,7 +95,7 @@ impl PidTracker {
 }
 
 impl Steering for PidSteering {
-    fn yaw_rate(&mut self, input: &SteeringInput<'_>) -> Result<f64, TrackError> {
+    fn twist(&mut self, input: &SteeringInput<'_>) -> Result<Twist2, TrackError> {
         let here = input.projection.arc_length;
         let ahead = here + input.speed * self.preview_time;
         let direction = input.course.direction_at(here).ok_or(TrackError::NoPath)?;
@@ -102,10 +105,12 @@ impl Steering for PidSteering {
             Err(ControlError::Invalid(error)) => return Err(error.into()),
             Err(_) => 0.0,
         };
-        let error = angle_difference(direction + approach, input.heading);
+        let wanted = direction.compose(&So2::from_angle(approach));
+        let error = input.heading.inverse().compose(&wanted).angle();
         // A turn that the yaw acceleration cannot end in time would swing past the direction.
-        let stoppable = stopping_speed(error.abs(), BRAKING_SHARE * input.limits.yaw_acceleration, input.dt);
-        Ok(feed_forward + (self.heading_gain * error).clamp(-stoppable, stoppable))
+        let stoppable = stopping_speed(error.abs(), BRAKING_SHARE * input.limits.twist.yaw_acceleration, input.dt);
+        let yaw_rate = feed_forward + (self.heading_gain * error).clamp(-stoppable, stoppable);
+        Ok(Twist2::new(input.speed, 0.0, yaw_rate))
     }
 
     fn reset(&mut self) {

@@ -7,10 +7,13 @@
 //! acceleration can follow. The speed is regulated by the follower as in
 //! Macenski et al., *Regulated pure pursuit for robot path tracking*, 2023.
 
-use super::follower::{Follower, FollowerParams, Steering, SteeringInput};
+use super::{
+    follower::{Follower, FollowerParams},
+    steering::{Steering, SteeringInput},
+};
 use agv_core::{
     Error, check,
-    geometry::{LieGroup, So2},
+    geometry::{LieGroup, Twist2},
     roles::TrackError,
 };
 
@@ -60,15 +63,15 @@ impl PurePursuit {
 }
 
 impl Steering for PurePursuitSteering {
-    fn yaw_rate(&mut self, input: &SteeringInput<'_>) -> Result<f64, TrackError> {
+    fn twist(&mut self, input: &SteeringInput<'_>) -> Result<Twist2, TrackError> {
         let p = &self.params;
         let ahead = (p.look_ahead_time * input.speed).max(steerable_look_ahead(input));
         let ahead = ahead.clamp(p.look_ahead_min, p.look_ahead_max);
         let (target, _) = input.course.point_at(input.projection.arc_length + ahead).ok_or(TrackError::NoPath)?;
-        let in_base = So2::from_angle(-input.heading).act(&(target - input.position));
+        let in_base = input.heading.inverse().act(&(target - input.position));
         // At the target itself every arc leads there: go straight.
         let square = in_base.norm_squared().max(f64::MIN_POSITIVE);
-        Ok(input.speed * 2.0 * in_base.y / square)
+        Ok(Twist2::new(input.speed, 0.0, input.speed * 2.0 * in_base.y / square))
     }
 
     fn reset(&mut self) {}
@@ -79,7 +82,7 @@ impl Steering for PurePursuitSteering {
 /// Near the path pure pursuit is an oscillator of frequency `√2 v / l`; an offset `y` then asks for `2√2 v² y / l³` of
 /// yaw acceleration, and a heading error `e` for `2√2 v² e / l²`.
 fn steerable_look_ahead(input: &SteeringInput<'_>) -> f64 {
-    let pull = 2.0 * std::f64::consts::SQRT_2 * input.speed * input.speed / input.limits.yaw_acceleration;
+    let pull = 2.0 * std::f64::consts::SQRT_2 * input.speed * input.speed / input.limits.twist.yaw_acceleration;
     (pull * input.projection.cross_track.abs()).cbrt().max((pull * input.heading_error.abs()).sqrt())
 }
 

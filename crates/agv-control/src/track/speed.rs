@@ -1,54 +1,146 @@
-//! How fast to drive: bends ahead, the stop ahead, and what the vehicle can do.
+//! How fast to drive: the greatest speed at every place of a course from which all bends ahead can be entered.
+//!
+//! One backward pass over the course per path and set of limits,
+//!
+//! ```text
+//! v(s)² = min( bend(s)², v(s + Δ)² + 2 deceleration Δ )
+//! ```
+//!
+//! and a look-up per cycle. There is no forward pass: how fast the vehicle gets there is the limits' affair, and its speed at the
+//! beginning is its own.
 
-use super::course::Bend;
-use agv_core::kinematics::TwistLimits;
+use super::course::{Bend, Course};
+use agv_core::kinematics::MotionLimits;
 
-/// Speed allowed in a bend by the turn rate, by the lateral acceleration, and, where the bend begins or ends, by the
-/// yaw acceleration `v² dκ/ds`.
-pub(super) fn bend_speed(bend: &Bend, limits: &TwistLimits, lateral_acceleration: f64) -> f64 {
-    let limit = |limit: f64, per: f64| if per > 0.0 { limit / per } else { f64::INFINITY };
-    limit(limits.yaw_rate, bend.curvature)
-        .min(limit(lateral_acceleration, bend.curvature).sqrt())
-        .min(limit(limits.yaw_acceleration, bend.change).sqrt())
+/// Greatest speed along a course.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct SpeedProfile {
+    per_metre: f64,
+    /// Squared speed at each knot of the course, in m²/s².
+    squares: Vec<f64>,
+    /// What the speeds were computed from.
+    limits: Option<MotionLimits>,
 }
 
-/// Greatest speed now, so that every bend ahead can be entered at its own speed by braking.
+impl SpeedProfile {
+    /// Greatest speed at an arc length, in metres per second, so that every bend ahead can be entered by braking; the stop at
+    /// the end of a section is not in it. O(1).
+    #[inline]
+    pub fn speed_at(&self, arc_length: f64) -> f64 {
+        let Some(last) = self.squares.len().checked_sub(1) else { return 0.0 };
+        let place = (arc_length * self.per_metre).clamp(0.0, last as f64);
+        let knot = place as usize;
+        let at = |i: usize| self.squares.get(i.min(last)).copied().unwrap_or(0.0);
+        // Squares, so that between two knots the speed is that of braking, too.
+        let share = place - knot as f64;
+        (at(knot) * (1.0 - share) + at(knot + 1) * share).sqrt()
+    }
+
+    /// Forgets the speeds and makes room for another course.
+    pub(super) fn reset(&mut self, course: &Course) {
+        self.limits = None;
+        self.squares.clear();
+        self.squares.reserve(course.bends().len());
+    }
+
+    /// Computes the speeds if the limits are others than before. O(length of the course) then, else O(1).
+    pub(super) fn update(&mut self, course: &Course, limits: &MotionLimits) {
+        if self.limits.as_ref() == Some(limits) {
+            return;
+        }
+        self.limits = Some(*limits);
+        self.per_metre = 1.0 / course.knot_spacing();
+        let braking = 2.0 * limits.twist.deceleration * course.knot_spacing();
+        let top = limits.twist.forward_speed.max(limits.twist.reverse_speed);
+        self.squares.clear();
+        self.squares.extend(course.bends().iter().map(|bend| bend_speed(bend, limits).min(top).powi(2)));
+        let mut ahead = f64::INFINITY;
+        for square in self.squares.iter_mut().rev() {
+            ahead = square.min(ahead + braking);
+            *square = ahead;
+        }
+    }
+}
+
+/// Speed allowed in a bend by turn rate and lateral acceleration, and, where the bend begins or ends, by how fast the vehicle can
+/// change its turn: by the yaw acceleration, `v² dκ/ds`, or by the steering rate, `v dκ/ds wheelbase / (1 + (wheelbase κ)²)`.
 ///
-/// `bends` yields the distance to each bend, in metres, in order; the search ends where the vehicle could stop.
-pub(super) fn speed_for_bends(
-    bends: impl Iterator<Item = (f64, Bend)>,
-    limits: &TwistLimits,
-    lateral_acceleration: f64,
-    top_speed: f64,
-) -> f64 {
-    let braking_distance = top_speed * top_speed / (2.0 * limits.deceleration);
-    bends.take_while(|&(ahead, _)| ahead <= braking_distance).fold(top_speed, |speed, (ahead, bend)| {
-        let there = bend_speed(&bend, limits, lateral_acceleration);
-        speed.min((there * there + 2.0 * limits.deceleration * ahead).sqrt())
-    })
+/// A bend too tight for the steering is driven as slowly as the tightest there is.
+pub(super) fn bend_speed(bend: &Bend, limits: &MotionLimits) -> f64 {
+    let curvature = bend.curvature.abs().min(limits.max_curvature());
+    let limit = |limit: f64, per: f64| if per > 0.0 { limit / per } else { f64::INFINITY };
+    let entering = match &limits.steering {
+        Some(steering) => {
+            let slope = steering.wheelbase * curvature;
+            limit(steering.max_rate * (1.0 + slope * slope), steering.wheelbase * bend.change)
+        }
+        None => limit(limits.twist.yaw_acceleration, bend.change).sqrt(),
+    };
+    limits.speed_in_bend(curvature).min(entering)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
+    use agv_core::{
+        kinematics::{SteeringLimits, TwistLimits},
+        nalgebra::Vector2,
+        path::Path,
+    };
+    use proptest::prelude::*;
 
-    /// Braking from the allowed speed over the distance to a bend ends at the bend's own speed.
-    #[test]
-    fn a_bend_is_entered_at_its_own_speed() {
-        let limits = TwistLimits { yaw_rate: 0.5, yaw_acceleration: 100.0, ..TwistLimits::default() };
-        let bend = Bend { curvature: 2.0, change: 0.0 };
-        let speed = speed_for_bends([(0.3, bend)].into_iter(), &limits, 10.0, 1.0);
-        let at_bend = (speed * speed - 2.0 * limits.deceleration * 0.3).sqrt();
-        assert!((at_bend * bend.curvature - limits.yaw_rate).abs() < 1e-12);
-        assert_eq!(speed_for_bends([(1.1, bend)].into_iter(), &limits, 10.0, 1.0), 1.0);
+    proptest! {
+        /// Nowhere faster than the bend there, and nowhere so fast that the next place cannot be reached by braking.
+        #[test]
+        fn every_bend_can_be_entered(
+            turns in prop::collection::vec((-2.5..2.5_f64, 0.05..3.0_f64), 1..20), deceleration in 0.1..2.0_f64, steered: bool,
+        ) {
+            let (mut at, mut yaw) = (Vector2::zeros(), 0.0_f64);
+            let mut positions = vec![at];
+            for (turn, ahead) in turns {
+                yaw += turn;
+                at += Vector2::new(yaw.cos(), yaw.sin()) * ahead;
+                positions.push(at);
+            }
+            let mut course = Course::new(0.5);
+            course.set(&Path::from_positions(&positions).unwrap()).unwrap();
+            let limits = MotionLimits {
+                twist: TwistLimits { deceleration, ..TwistLimits::default() },
+                steering: steered.then(SteeringLimits::default),
+                lateral_acceleration: Some(0.4),
+            };
+            let mut profile = SpeedProfile::default();
+            profile.update(&course, &limits);
+            let step = 0.01;
+            for i in 0..(course.length() / step) as usize {
+                let s = i as f64 * step;
+                let (here, next) = (profile.speed_at(s), profile.speed_at(s + step));
+                prop_assert!(here * here <= next * next + 2.0 * deceleration * step + 1e-9, "{s}: {here} {next}");
+                prop_assert!(here <= 1.0);
+            }
+            for (i, bend) in course.bends().iter().enumerate() {
+                let speed = profile.speed_at(i as f64 * course.knot_spacing());
+                prop_assert!(speed <= bend_speed(bend, &limits) + 1e-9);
+            }
+        }
     }
 
     #[test]
     fn each_limit_of_the_vehicle_slows_it() {
-        let limits = TwistLimits { yaw_rate: 1.0, yaw_acceleration: 0.5, ..TwistLimits::default() };
-        assert_eq!(bend_speed(&Bend { curvature: 0.0, change: 0.0 }, &limits, 0.5), f64::INFINITY);
-        assert_eq!(bend_speed(&Bend { curvature: 4.0, change: 0.0 }, &limits, 100.0), 0.25);
-        assert_eq!(bend_speed(&Bend { curvature: 0.5, change: 0.0 }, &limits, 0.125), 0.5);
-        assert_eq!(bend_speed(&Bend { curvature: 0.1, change: 8.0 }, &limits, 100.0), 0.25);
+        let twist = TwistLimits { yaw_rate: 1.0, yaw_acceleration: 0.5, ..TwistLimits::default() };
+        let limits = |a| MotionLimits { lateral_acceleration: Some(a), ..twist.into() };
+        assert_eq!(bend_speed(&Bend { curvature: 0.0, change: 0.0 }, &limits(0.5)), f64::INFINITY);
+        assert_eq!(bend_speed(&Bend { curvature: -4.0, change: 0.0 }, &limits(100.0)), 0.25);
+        assert_eq!(bend_speed(&Bend { curvature: 0.5, change: 0.0 }, &limits(0.125)), 0.5);
+        assert_eq!(bend_speed(&Bend { curvature: 0.1, change: 8.0 }, &limits(100.0)), 0.25);
+        // 0.5 rad/s of steering on a wheelbase of 1.2 m change the curvature by 0.42 1/m a second.
+        let truck = MotionLimits { steering: Some(SteeringLimits::default()), ..limits(100.0) };
+        let speed = bend_speed(&Bend { curvature: 0.0, change: 1.0 }, &truck);
+        assert!((speed - 0.5 / 1.2).abs() < 1e-12);
+    }
+
+    #[test]
+    fn there_is_no_speed_without_a_course() {
+        assert_eq!(SpeedProfile::default().speed_at(1.0), 0.0);
     }
 }

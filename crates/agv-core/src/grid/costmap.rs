@@ -1,6 +1,9 @@
 //! What it costs to stand in a cell, in the scale of ROS's costmaps.
 
-use super::{Cell, CellState, Grid, GridLayout};
+use super::{
+    Cell, CellState, Grid, GridLayout,
+    revision::{CellRect, History, Revision},
+};
 
 /// The scale of a [`Costmap`], as Nav2's users know it.
 pub mod cost {
@@ -16,11 +19,34 @@ pub mod cost {
     pub const UNKNOWN: u8 = 255;
 }
 
-/// A grid of traversal costs.
-#[derive(Debug, Clone, PartialEq)]
+/// A grid of traversal costs, which knows whether and where it was written.
+///
+/// Two costmaps are equal if their costs are; a clone has a [`Revision`] of its own.
+///
+/// ```
+/// use agv_core::geometry::Se2;
+/// use agv_core::grid::{Cell, CellState, Costmap, Grid, GridLayout, cost};
+///
+/// let layout = GridLayout::new(40, 30, 0.1, Se2::default())?;
+/// let mut costmap = Costmap::from_map(&Grid::filled(layout, CellState::Free));
+/// let seen = costmap.revision().clone(); // what a planner remembers
+/// assert_eq!(costmap.changed_since(&seen), None);
+/// costmap.set(Cell::new(7, 9), cost::LETHAL);
+/// assert_eq!(costmap.changed_since(&seen).unwrap().len(), 1);
+/// # Ok::<(), agv_core::Error>(())
+/// ```
+#[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(transparent))]
 pub struct Costmap {
     grid: Grid<u8>,
+    #[cfg_attr(feature = "serde", serde(skip))]
+    history: History,
+}
+
+impl PartialEq for Costmap {
+    fn eq(&self, other: &Self) -> bool {
+        self.grid == other.grid
+    }
 }
 
 impl Costmap {
@@ -31,16 +57,17 @@ impl Costmap {
             CellState::Unknown => cost::UNKNOWN,
             CellState::Occupied => cost::LETHAL,
         };
-        Self { grid: map.map(cost_of) }
+        Self::from_costs(map.map(cost_of))
     }
 
     /// A costmap from costs per cell in the scale of [`cost`].
-    pub const fn from_costs(grid: Grid<u8>) -> Self {
-        Self { grid }
+    pub fn from_costs(grid: Grid<u8>) -> Self {
+        Self { grid, history: History::default() }
     }
 
     /// For the layers that write costs.
-    pub(super) const fn grid_mut(&mut self) -> &mut Grid<u8> {
+    pub(super) fn grid_mut(&mut self) -> &mut Grid<u8> {
+        self.history.all_changed();
         &mut self.grid
     }
 
@@ -63,12 +90,41 @@ impl Costmap {
     /// Sets the cost of a cell and says whether it belongs to the map; outside, nothing changes.
     #[inline]
     pub fn set(&mut self, cell: Cell, cost: u8) -> bool {
+        let changes = self.cost(cell).is_some_and(|before| before != cost);
+        if changes {
+            self.history.cell_changed(cell);
+        }
         self.grid.set(cell, cost)
     }
 
-    /// Costs, row by row from the lower-left, for layers that write them.
+    /// Costs, row by row from the lower-left, for layers that write them; all count as changed.
     pub fn costs_mut(&mut self) -> &mut [u8] {
+        self.history.all_changed();
         self.grid.values_mut()
+    }
+
+    /// Which state of which costmap this is: equal revisions have equal costs.
+    pub const fn revision(&self) -> &Revision {
+        self.history.revision()
+    }
+
+    /// A rectangle that holds all cells written since `seen`; none if there are none. All cells for a revision of another
+    /// costmap, and for one from before the last [`settle`](Self::settle).
+    pub fn changed_since(&self, seen: &Revision) -> Option<CellRect> {
+        let layout = self.layout();
+        self.history.changed_since(seen, CellRect::whole(layout.width(), layout.height()))
+    }
+
+    /// Begins a new rectangle of changes: for writers, once a cycle, before what they write in it.
+    pub const fn settle(&mut self) {
+        self.history.settle();
+    }
+
+    /// Takes the costs of another costmap; memory is used again if it fits.
+    pub(super) fn copy_from(&mut self, other: &Self) {
+        let grid = self.grid_mut();
+        grid.reshape(*other.layout(), cost::UNKNOWN);
+        grid.values_mut().copy_from_slice(other.costs());
     }
 
     /// The costs as a grid; undoes [`from_costs`](Self::from_costs).
@@ -96,5 +152,33 @@ mod tests {
         costmap.costs_mut()[0] = cost::UNKNOWN;
         assert!(!costmap.is_traversable(Cell::new(2, 1)) && !costmap.is_traversable(Cell::new(0, 0)));
         assert_eq!(costmap.into_grid().values(), [255, 0, 0, 0, 0, 254]);
+    }
+
+    #[test]
+    fn changes_are_told_since_any_revision() {
+        let layout = GridLayout::new(30, 20, 0.1, Se2::default()).unwrap();
+        let mut costmap = Costmap::from_map(&Grid::filled(layout, CellState::Free));
+        let whole = CellRect::whole(30, 20);
+        let first = costmap.revision().clone();
+        costmap.set(Cell::new(4, 5), cost::LETHAL);
+        costmap.set(Cell::new(9, 3), cost::LETHAL);
+        costmap.set(Cell::new(20, 19), cost::FREE); // as it was
+        let rect = CellRect { min: Cell::new(4, 3), max: Cell::new(9, 5) };
+        assert_eq!(costmap.changed_since(&first), Some(rect));
+        let second = costmap.revision().clone();
+        assert_eq!(costmap.changed_since(&second), None);
+        costmap.settle();
+        costmap.set(Cell::new(1, 1), cost::LETHAL);
+        assert_eq!(costmap.changed_since(&second), Some(CellRect { min: Cell::new(1, 1), max: Cell::new(1, 1) }));
+        assert_eq!(costmap.changed_since(&first), Some(whole), "from before it settled");
+        let third = costmap.revision().clone();
+        costmap.costs_mut();
+        assert_eq!(costmap.changed_since(&third), Some(whole));
+        // A clone may go its own way.
+        let mut clone = costmap.clone();
+        assert_eq!((&clone, clone.changed_since(costmap.revision())), (&costmap, Some(whole)));
+        clone.set(Cell::new(2, 2), cost::LETHAL);
+        costmap.set(Cell::new(3, 3), cost::LETHAL);
+        assert_ne!(clone.revision(), costmap.revision());
     }
 }

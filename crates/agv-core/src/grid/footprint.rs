@@ -1,10 +1,16 @@
 //! The vehicle's outline on the floor, and the cells that it touches.
 
 use super::GridLayout;
-use crate::{Error, check, geometry::Se2};
+use crate::{
+    Error, check,
+    geometry::{
+        Se2,
+        outline::{cross, distance_to_segment, edges, segments_meet},
+    },
+};
 use nalgebra::Vector2;
 
-/// The area that a vehicle covers, in its base frame: a circle around the origin, or a simple polygon.
+/// The area that a vehicle covers, in its base frame: a point or circle at the origin, two circles, a segment, or a simple polygon.
 ///
 /// ```
 /// use agv_core::grid::Footprint;
@@ -28,6 +34,9 @@ pub struct Footprint {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
 enum Shape {
     Circle(f64),
+    /// Circles on the x axis, in front and behind: where, and how large.
+    TwoCircles([(f64, f64); 2]),
+    Segment([Vector2<f64>; 2]),
     Polygon(Vec<Vector2<f64>>),
 }
 
@@ -36,7 +45,10 @@ impl TryFrom<Shape> for Footprint {
 
     fn try_from(shape: Shape) -> Result<Self, Error> {
         match shape {
+            Shape::Circle(0.0) => Ok(Self::point()),
             Shape::Circle(radius) => Self::circle(radius),
+            Shape::TwoCircles([front, rear]) => Self::two_circles(front.0, front.1, rear.0, rear.1),
+            Shape::Segment([a, b]) => Self::segment(a, b),
             Shape::Polygon(vertices) => Self::polygon(vertices),
         }
     }
@@ -46,32 +58,6 @@ impl From<Footprint> for Shape {
     fn from(footprint: Footprint) -> Self {
         footprint.shape
     }
-}
-
-fn cross(a: Vector2<f64>, b: Vector2<f64>) -> f64 {
-    a.x * b.y - a.y * b.x
-}
-
-/// Consecutive pairs of a closed polygon.
-pub(super) fn edges(vertices: &[Vector2<f64>]) -> impl Iterator<Item = (Vector2<f64>, Vector2<f64>)> + Clone + '_ {
-    vertices.iter().zip(vertices.iter().cycle().skip(1)).map(|(a, b)| (*a, *b))
-}
-
-fn distance_to_segment(point: Vector2<f64>, a: Vector2<f64>, b: Vector2<f64>) -> f64 {
-    let along = ((point - a).dot(&(b - a)) / (b - a).norm_squared()).clamp(0.0, 1.0);
-    (a + (b - a) * along - point).norm()
-}
-
-/// Whether two segments have a point in common.
-fn segments_meet(a: Vector2<f64>, b: Vector2<f64>, c: Vector2<f64>, d: Vector2<f64>) -> bool {
-    let side = |p: Vector2<f64>, q: Vector2<f64>, r: Vector2<f64>| cross(q - p, r - p);
-    let within = |p: Vector2<f64>, q: Vector2<f64>, r: Vector2<f64>| (r - p).dot(&(r - q)) <= 0.0;
-    let (s, t, u, v) = (side(a, b, c), side(a, b, d), side(c, d, a), side(c, d, b));
-    (s * t < 0.0 && u * v < 0.0)
-        || (s == 0.0 && within(a, b, c))
-        || (t == 0.0 && within(a, b, d))
-        || (u == 0.0 && within(c, d, a))
-        || (v == 0.0 && within(c, d, b))
 }
 
 impl Footprint {
@@ -85,6 +71,40 @@ impl Footprint {
     pub fn circle(radius: f64) -> Result<Self, Error> {
         check::positive("radius", radius)?;
         Ok(Self { shape: Shape::Circle(radius), convex: true, inscribed: radius, circumscribed: radius })
+    }
+
+    /// A point at the origin of the base frame, for costmaps that are inflated for the vehicle already.
+    pub const fn point() -> Self {
+        Self { shape: Shape::Circle(0.0), convex: true, inscribed: 0.0, circumscribed: 0.0 }
+    }
+
+    /// Two circles on the x axis, `front` metres ahead of the origin and `rear` metres ahead of it (negative behind), as
+    /// `teb_local_planner` has them: a long vehicle in two look-ups.
+    ///
+    /// Its inscribed radius is that of a circle in one of the two.
+    ///
+    /// # Errors
+    /// A radius that is not positive, or a number that is not finite.
+    pub fn two_circles(front: f64, front_radius: f64, rear: f64, rear_radius: f64) -> Result<Self, Error> {
+        check::all_finite("front and rear", &[front, rear])?;
+        check::positive("front_radius", front_radius)?;
+        check::positive("rear_radius", rear_radius)?;
+        let circles = [(front, front_radius), (rear, rear_radius)];
+        let inscribed = circles.iter().map(|(x, r)| r - x.abs()).fold(0.0, f64::max);
+        let circumscribed = circles.iter().map(|(x, r)| r + x.abs()).fold(0.0, f64::max);
+        Ok(Self { shape: Shape::TwoCircles(circles), convex: false, inscribed, circumscribed })
+    }
+
+    /// A segment between two points of the base frame, in metres: a vehicle without width, for maps that are inflated by half of
+    /// it.
+    ///
+    /// # Errors
+    /// A number that is not finite, or two ends in one place.
+    pub fn segment(from: Vector2<f64>, to: Vector2<f64>) -> Result<Self, Error> {
+        check::all_finite("ends", from.iter().chain(&to))?;
+        check::positive("length", (to - from).norm())?;
+        let circumscribed = from.norm().max(to.norm());
+        Ok(Self { shape: Shape::Segment([from, to]), convex: true, inscribed: 0.0, circumscribed })
     }
 
     /// A rectangle from `rear` to `front` along x and of `width`, in metres; `rear` is negative behind the origin.
@@ -147,10 +167,21 @@ impl Footprint {
         self.circumscribed
     }
 
-    /// The polygon's vertices in the base frame, counter-clockwise; none for a circle.
+    /// The circles that it is made of, by their place on the x axis and their radius, in metres; none for a segment or polygon.
+    pub fn circles(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
+        let circles = match self.shape {
+            Shape::Circle(radius) => [Some((0.0, radius)), None],
+            Shape::TwoCircles([front, rear]) => [Some(front), Some(rear)],
+            Shape::Segment(_) | Shape::Polygon(_) => [None, None],
+        };
+        circles.into_iter().flatten()
+    }
+
+    /// The vertices of a polygon in the base frame, counter-clockwise, or the ends of a segment; none for circles.
     pub fn vertices(&self) -> Option<&[Vector2<f64>]> {
         match &self.shape {
-            Shape::Circle(_) => None,
+            Shape::Circle(_) | Shape::TwoCircles(_) => None,
+            Shape::Segment(ends) => Some(ends),
             Shape::Polygon(vertices) => Some(vertices),
         }
     }
@@ -158,7 +189,10 @@ impl Footprint {
     /// Whether the footprint holds a point of the base frame; its outline belongs to it, up to rounding.
     pub fn contains(&self, point: &Vector2<f64>) -> bool {
         match &self.shape {
-            Shape::Circle(radius) => point.norm() <= *radius,
+            Shape::Circle(_) | Shape::TwoCircles(_) => {
+                self.circles().any(|(x, radius)| (point - Vector2::new(x, 0.0)).norm() <= radius)
+            }
+            Shape::Segment([a, b]) => distance_to_segment(*point, *a, *b) <= 1e-12 * self.circumscribed,
             Shape::Polygon(vertices) => holds(vertices, *point),
         }
     }
@@ -178,16 +212,13 @@ impl Footprint {
         // A hair against rounding: a point on a line between cells touches both.
         let margin = margin + 1e-9;
         match &self.shape {
-            Shape::Circle(radius) => {
-                let (center, r) = (layout.to_grid(&map_from_base.translation()), radius / layout.resolution());
-                let rows = (center.y - r - margin).floor() as i32..=(center.y + r + margin).floor() as i32;
-                rows.into_iter().any(|row| {
-                    // Widest chord of the strip that belongs to the row.
-                    let (low, high) = (f64::from(row) - margin - center.y, f64::from(row) + 1.0 + margin - center.y);
-                    let dy = if low > 0.0 { low } else { (-high).max(0.0) };
-                    let half = (r * r - dy * dy).max(0.0).sqrt() + margin;
-                    hit(row, (center.x - half).floor() as i32, (center.x + half).floor() as i32)
-                })
+            Shape::Circle(_) | Shape::TwoCircles(_) => self.circles().any(|(x, radius)| {
+                let center = layout.to_grid(&(*map_from_base * Vector2::new(x, 0.0)));
+                any_run_of_circle(&center, radius / layout.resolution(), margin, &mut hit)
+            }),
+            Shape::Segment(ends) => {
+                let ends = ends.map(|end| layout.to_grid(&(*map_from_base * end)));
+                any_run_of_polygon(&ends, true, margin, hit)
             }
             Shape::Polygon(own) => {
                 let to_cells = |v: &Vector2<f64>| layout.to_grid(&(*map_from_base * *v));
@@ -218,6 +249,19 @@ fn place<'a>(
         *slot = to_cells(vertex);
     }
     room.get(..own.len()).unwrap_or_default()
+}
+
+/// As [`Footprint::any_run`], of a circle whose centre and radius are counted in cells.
+#[inline]
+fn any_run_of_circle(center: &Vector2<f64>, r: f64, margin: f64, mut hit: impl FnMut(i32, i32, i32) -> bool) -> bool {
+    let mut rows = (center.y - r - margin).floor() as i32..=(center.y + r + margin).floor() as i32;
+    rows.any(|row| {
+        // Widest chord of the strip that belongs to the row.
+        let (low, high) = (f64::from(row) - margin - center.y, f64::from(row) + 1.0 + margin - center.y);
+        let dy = if low > 0.0 { low } else { (-high).max(0.0) };
+        let half = (r * r - dy * dy).max(0.0).sqrt() + margin;
+        hit(row, (center.x - half).floor() as i32, (center.x + half).floor() as i32)
+    })
 }
 
 /// As [`Footprint::any_run`], of a polygon whose vertices are counted in cells.
@@ -306,10 +350,29 @@ mod tests {
     }
 
     #[test]
+    fn circles_and_segments_are_what_they_say() {
+        let long = Footprint::two_circles(0.6, 0.4, -0.2, 0.5).unwrap();
+        assert!((long.inscribed_radius() - 0.3).abs() < 1e-12 && (long.circumscribed_radius() - 1.0).abs() < 1e-12);
+        let inside = |x: f64, y: f64| long.contains(&Vector2::new(x, y));
+        assert!(
+            inside(0.99, 0.0) && inside(-0.69, 0.0) && inside(0.6, 0.39) && !inside(0.6, 0.41) && !inside(1.01, 0.0)
+        );
+        let line = Footprint::segment(Vector2::new(-1.0, 0.0), Vector2::new(2.0, 0.0)).unwrap();
+        assert!(line.contains(&Vector2::new(1.5, 0.0)) && !line.contains(&Vector2::new(1.5, 0.01)));
+        assert_eq!((line.inscribed_radius(), line.circumscribed_radius()), (0.0, 2.0));
+        assert!(Footprint::point().contains(&Vector2::zeros()) && Footprint::point().circumscribed_radius() == 0.0);
+    }
+
+    #[test]
     fn bad_shapes_are_named() {
         for (name, result) in [
             ("radius", Footprint::circle(0.0)),
             ("radius", Footprint::circle(f64::NAN)),
+            ("front_radius", Footprint::two_circles(0.5, 0.0, -0.5, 0.3)),
+            ("rear_radius", Footprint::two_circles(0.5, 0.3, -0.5, f64::NAN)),
+            ("front and rear", Footprint::two_circles(f64::INFINITY, 0.3, -0.5, 0.3)),
+            ("length", Footprint::segment(Vector2::x(), Vector2::x())),
+            ("ends", Footprint::segment(Vector2::x(), Vector2::new(0.0, f64::NAN))),
             ("length", Footprint::rectangle(1.0, 1.0, 1.0)),
             ("width", Footprint::rectangle(0.0, 1.0, -1.0)),
             ("vertices", polygon(&[(0.0, 0.0), (1.0, 0.0)])),

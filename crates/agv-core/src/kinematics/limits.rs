@@ -5,11 +5,11 @@
 //! deceleration are told apart by whether the speed grows, with a step through zero paid in two parts: time to stop at
 //! the deceleration, the rest at the acceleration.
 
-use super::finite_twist;
+use super::{
+    axis::{Axis, TOLERANCE},
+    finite_twist,
+};
 use crate::{Error, check, geometry::Twist2};
-
-/// Rounding up to which a component counts as within its limit, in m/s and rad/s.
-const TOLERANCE: f64 = 1e-12;
 
 /// Limits on the twist of the base and on its change; magnitudes, all at least zero.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -122,9 +122,11 @@ impl TwistLimits {
             along.map(|along| multiple * along)
         } else {
             // Rest has no curvature of its own, and keeping the present one would let a slow turn delay the stop.
-            axes.map(|axis| axis.target.clamp(axis.least, axis.greatest))
+            along
         };
-        Ok(Twist2::new(vx, vy, yaw_rate))
+        // Also after the multiple, whose rounding may lead a hair out of reach.
+        let [x, y, yaw] = axes;
+        Ok(Twist2::new(x.nearest(vx), y.nearest(vy), yaw.nearest(yaw_rate)))
     }
 
     /// Whether the twist keeps to the speed limits, up to rounding.
@@ -140,11 +142,14 @@ impl TwistLimits {
     }
 
     /// The components of a step from `current` to `target`.
-    fn axes(&self, current: &Twist2, target: &Twist2, dt: f64) -> [Axis; 3] {
+    ///
+    /// A vehicle that cannot move sideways has no such component: what is measured of it is slip, not for it to brake.
+    pub(super) fn axes(&self, current: &Twist2, target: &Twist2, dt: f64) -> [Axis; 3] {
         let (a, d, yaw) = (self.acceleration, self.deceleration, self.yaw_acceleration);
+        let sideways = if self.lateral_speed == 0.0 { 0.0 } else { current.vy };
         [
             Axis::new(target.vx, current.vx, a, d, dt, (-self.reverse_speed, self.forward_speed)),
-            Axis::new(target.vy, current.vy, a, d, dt, (-self.lateral_speed, self.lateral_speed)),
+            Axis::new(target.vy, sideways, a, d, dt, (-self.lateral_speed, self.lateral_speed)),
             Axis::new(target.yaw_rate, current.yaw_rate, yaw, yaw, dt, (-self.yaw_rate, self.yaw_rate)),
         ]
     }
@@ -184,55 +189,6 @@ pub fn stopping_speed(distance: f64, deceleration: f64, reaction_time: f64) -> f
     // Written so that nothing cancels for small distances.
     let lag = deceleration * reaction_time;
     2.0 * deceleration * distance / ((lag * lag + 2.0 * deceleration * distance).sqrt() + lag)
-}
-
-/// One component of a step: where it should go, and where it can.
-#[derive(Clone, Copy)]
-struct Axis {
-    target: f64,
-    least: f64,
-    greatest: f64,
-    /// Least and greatest speed that is allowed.
-    speed: (f64, f64),
-}
-
-impl Axis {
-    fn new(target: f64, current: f64, acceleration: f64, deceleration: f64, dt: f64, speed: (f64, f64)) -> Self {
-        let greatest = rise(current, acceleration, deceleration, dt);
-        let least = -rise(-current, acceleration, deceleration, dt);
-        // Acceleration wins over speed where the two contradict: a vehicle cannot jump.
-        Self { target, least: least.max(speed.0.min(greatest)), greatest: greatest.min(speed.1.max(least)), speed }
-    }
-
-    fn keeps_speed(&self) -> bool {
-        self.target >= self.speed.0 - TOLERANCE && self.target <= self.speed.1 + TOLERANCE
-    }
-
-    fn reaches_target(&self) -> bool {
-        self.target >= self.least - TOLERANCE && self.target <= self.greatest + TOLERANCE
-    }
-
-    /// The multiples of `along` that lie in reach, as an interval that may be empty.
-    fn multiples(&self, along: f64) -> (f64, f64) {
-        if along > 0.0 {
-            (self.least / along, self.greatest / along)
-        } else if along < 0.0 {
-            (self.greatest / along, self.least / along)
-        } else if self.least <= TOLERANCE && self.greatest >= -TOLERANCE {
-            (f64::NEG_INFINITY, f64::INFINITY)
-        } else {
-            (1.0, 0.0)
-        }
-    }
-}
-
-/// Greatest value after `dt` seconds: a negative one brakes first, then accelerates.
-fn rise(current: f64, acceleration: f64, deceleration: f64, dt: f64) -> f64 {
-    if current >= 0.0 {
-        return current + acceleration * dt;
-    }
-    let braked = current + deceleration * dt;
-    if braked <= 0.0 { braked } else { braked / deceleration * acceleration }
 }
 
 #[cfg(test)]

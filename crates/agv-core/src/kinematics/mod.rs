@@ -12,11 +12,13 @@
 //! motion of a time step is [`Twist2::integrate`], exact on arcs; [`euler_step`] is what the papers print.
 
 mod ackermann;
+mod axis;
 mod axle;
 mod differential;
 mod double_ackermann;
 mod euler;
 mod limits;
+mod motion;
 mod omnidirectional;
 mod steering;
 mod tricycle;
@@ -29,6 +31,7 @@ pub use differential::{DifferentialDrive, DifferentialParams, DifferentialWheels
 pub use double_ackermann::{DoubleAckermann, DoubleAckermannParams, DoubleAckermannWheels};
 pub use euler::euler_step;
 pub use limits::{TwistLimits, stopping_speed};
+pub use motion::{Motion, MotionLimits};
 pub use omnidirectional::{Mecanum, MecanumParams, MecanumWheels};
 pub use steering::SteeringLimits;
 pub use tricycle::{Tricycle, TricycleParams, TricycleWheels};

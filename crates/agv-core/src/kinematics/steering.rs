@@ -51,6 +51,27 @@ impl SteeringLimits {
         limits.validate().map(|()| limits)
     }
 
+    /// The limits of a vehicle that steers both axles against each other, so that its base frame does not move sideways.
+    ///
+    /// The angle is then that of the front axle, `a` ahead of the base, and the rear one, `b` behind it, follows with
+    /// `tan(rear) = -b/a tan(front)`: the bicycle model with a wheelbase of `a`. Both axles keep their greatest angle and
+    /// `max_rate` (radians per second).
+    ///
+    /// # Errors
+    /// A geometry that is none, or one without a steered front axle ahead of the base.
+    pub fn for_double_ackermann(params: &super::DoubleAckermannParams, max_rate: f64) -> Result<Self, Error> {
+        super::DoubleAckermann::new(*params)?;
+        let super::DoubleAckermannParams { front, rear, max_front_steering, max_rear_steering, .. } = *params;
+        let ratio = rear / check::positive("front", front)?;
+        let tan =
+            max_front_steering.tan().min(if rear == 0.0 { f64::INFINITY } else { max_rear_steering.tan() / ratio });
+        // The rear axle turns `ratio (1 + t²) / (1 + ratio² t²)` times as fast as the front one, most at one end of t.
+        let faster = |t: f64| ratio * (1.0 + t * t) / (1.0 + ratio * ratio * t * t);
+        let rear_rate = faster(0.0).max(faster(tan)).max(1.0);
+        let limits = Self { wheelbase: front, max_angle: tan.atan(), max_rate: max_rate / rear_rate };
+        limits.validate().map(|()| limits)
+    }
+
     /// Checks all fields.
     ///
     /// # Errors

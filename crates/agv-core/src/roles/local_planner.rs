@@ -1,10 +1,10 @@
-//! What do I do now: a twist that follows a path among obstacles.
+//! What do I do now: a motion that follows a path among obstacles.
 
 use crate::{
-    Error,
+    Error, check,
     geometry::{LieGroup, Se2, Twist2},
-    grid::Costmap,
-    kinematics::TwistLimits,
+    grid::LocalMap,
+    kinematics::{Motion, MotionLimits},
     obstacle::MovingObstacle,
     path::Path,
 };
@@ -17,12 +17,43 @@ pub struct VehicleState {
     pub map_from_base: Se2,
     /// Velocity in the base frame.
     pub twist: Twist2,
+    /// Angle of the steered wheels, in radians, as [`Motion::steering`] has it; none for a vehicle that does not steer or does
+    /// not measure it.
+    pub steering: Option<f64>,
 }
 
 impl VehicleState {
-    /// Whether pose and twist are finite.
+    /// A vehicle that is not known to steer.
+    pub const fn new(map_from_base: Se2, twist: Twist2) -> Self {
+        Self { map_from_base, twist, steering: None }
+    }
+
+    /// Whether pose, twist and angle are finite.
     pub fn is_finite(&self) -> bool {
-        self.map_from_base.is_finite() && self.twist.is_finite()
+        self.map_from_base.is_finite() && self.motion().is_finite()
+    }
+
+    /// What the vehicle does.
+    pub const fn motion(&self) -> Motion {
+        Motion { twist: self.twist, steering: self.steering }
+    }
+
+    /// The state of an ideal vehicle that did what it was told for `dt` seconds.
+    #[must_use]
+    pub fn after(&self, motion: &Motion, dt: f64) -> Self {
+        let map_from_base = self.map_from_base.compose(&motion.twist.integrate(dt));
+        Self { map_from_base, twist: motion.twist, steering: motion.steering }
+    }
+
+    /// Accepts a state that is finite.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`](crate::Error::NotFinite) names the part that is not.
+    pub fn validate(&self) -> Result<(), Error> {
+        let (pose, twist) = (self.map_from_base, self.twist);
+        check::all_finite("map_from_base", &[pose.x(), pose.y(), pose.yaw()])?;
+        check::all_finite("twist", &[twist.vx, twist.vy, twist.yaw_rate])?;
+        check::all_finite("steering", self.steering.iter())
     }
 }
 
@@ -33,12 +64,12 @@ pub struct LocalPlanRequest<'a> {
     pub state: VehicleState,
     /// The path to follow, in the map frame.
     pub path: &'a Path,
-    /// What is known of the surroundings, inflated or not as the planner documents.
-    pub costmap: &'a Costmap,
+    /// What is known of the surroundings: costs, inflated or not as the planner documents, and the distance to obstacles.
+    pub map: &'a LocalMap,
     /// Obstacles that move, in the map frame, at the time of `state`.
     pub obstacles: &'a [MovingObstacle],
     /// What the vehicle can do.
-    pub limits: &'a TwistLimits,
+    pub limits: &'a MotionLimits,
     /// Time until the next cycle, in seconds.
     pub dt: f64,
 }
@@ -46,9 +77,9 @@ pub struct LocalPlanRequest<'a> {
 /// What a local planner decided.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LocalCommand {
-    /// Twist for the next cycle. It respects the limits and can be executed whatever the status says.
-    pub twist: Twist2,
-    /// Why this twist.
+    /// What to do for the next cycle. It respects the limits and can be executed whatever the status says.
+    pub motion: Motion,
+    /// Why this motion.
     pub status: LocalPlanStatus,
 }
 
@@ -60,9 +91,9 @@ pub enum LocalPlanStatus {
     Following,
     /// The goal is reached and the vehicle comes to rest.
     Arrived,
-    /// No motion along the path is safe: the twist brakes.
+    /// No motion along the path is safe: the command brakes.
     Blocked(BlockReason),
-    /// The vehicle touches an obstacle already: the twist brakes.
+    /// The vehicle touches an obstacle already: the command brakes.
     InCollision,
 }
 
@@ -92,12 +123,11 @@ pub enum LocalPlanError {
     Invalid(#[from] Error),
 }
 
-/// Chooses the twist of the next cycle.
+/// Chooses the motion of the next cycle.
 ///
-/// A twist that is returned respects the velocity and acceleration limits of the request, always.
+/// A motion that is returned is one that [`MotionLimits::allows_step`] allows, always.
 ///
 /// ```
-/// use agv_core::geometry::Twist2;
 /// use agv_core::roles::{BlockReason, LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner};
 ///
 /// /// An emergency stop: brakes as hard as the limits allow.
@@ -105,14 +135,13 @@ pub enum LocalPlanError {
 ///
 /// impl LocalPlanner for Stop {
 ///     fn command(&mut self, request: LocalPlanRequest<'_>) -> Result<LocalCommand, LocalPlanError> {
-///         let v = request.state.twist.vx;
-///         let slower = (v.abs() - request.limits.deceleration * request.dt).max(0.0).copysign(v);
-///         Ok(LocalCommand { twist: Twist2::new(slower, 0.0, 0.0), status: LocalPlanStatus::Blocked(BlockReason::Obstacle) })
+///         let motion = request.limits.brake(&request.state.motion(), request.dt)?;
+///         Ok(LocalCommand { motion, status: LocalPlanStatus::Blocked(BlockReason::Obstacle) })
 ///     }
 /// }
 /// ```
 pub trait LocalPlanner {
-    /// The twist for the next `request.dt` seconds.
+    /// The motion for the next `request.dt` seconds.
     ///
     /// # Errors
     /// An empty path, or a state, limit or `dt` that cannot be one.

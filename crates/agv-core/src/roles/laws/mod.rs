@@ -20,11 +20,13 @@ mod control;
 mod localizer;
 mod matching;
 mod planners;
+mod vehicles;
 
 pub use control::{controller, path_tracker};
-pub use localizer::{correct, localizer};
+pub use localizer::{correct, localizer, two_sensors};
 pub use matching::{lidar_odometry, registration, scan_matcher};
 pub use planners::{global_planner, local_planner};
+pub use vehicles::vehicles;
 
 /// A law that a player of a role broke.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]

@@ -76,7 +76,10 @@ fn is_traversable(costmap: &Costmap, path: &Path) -> bool {
 }
 
 /// Checks a local planner on a request of a vehicle that touches nothing lethal: an ideal vehicle with that `footprint`
-/// never does so on its way, and it arrives within `tolerance` metres of the path's end or says that it is blocked.
+/// never does so on its way, keeps all limits at once, and comes to rest within `tolerance` metres of the path's end and
+/// `heading_tolerance` radians (π for any) of its last heading, or says that it is blocked.
+///
+/// [`vehicles`](super::vehicles) has limits to try it with.
 ///
 /// # Errors
 /// The first law that was broken.
@@ -85,6 +88,7 @@ pub fn local_planner(
     request: LocalPlanRequest<'_>,
     footprint: &Footprint,
     tolerance: f64,
+    heading_tolerance: f64,
 ) -> Result<(), LawViolation> {
     const ROLE: &str = "LocalPlanner";
     for value in NOT_FINITE {
@@ -99,31 +103,33 @@ pub fn local_planner(
     let nothing = Path::new();
     ensure(ROLE, "an empty path is refused", player.command(LocalPlanRequest { path: &nothing, ..request }).is_err())?;
 
-    let Ok(mut obstacles) = lethal(request.costmap, footprint) else {
+    let Ok(mut obstacles) = lethal(request.map.costmap(), footprint) else {
         return ensure(ROLE, "the case is a sound one: its costmap can be checked", false);
     };
     let mut state = request.state;
     // Ten times as long as the path takes at full speed, and a minute for turning and braking.
-    let cycles = ((10.0 * request.path.length() / request.limits.forward_speed.max(0.01) + 60.0) / request.dt).ceil();
+    let cycles =
+        ((10.0 * request.path.length() / request.limits.twist.forward_speed.max(0.01) + 60.0) / request.dt).ceil();
     for _ in 0..cycles as usize {
         let Ok(command) = player.command(LocalPlanRequest { state, ..request }) else {
             return ensure(ROLE, "a good request is taken", false);
         };
-        let within = request.limits.allows_step(&state.twist, &command.twist, request.dt);
+        let within = request.limits.allows_step(&state.motion(), &command.motion, request.dt);
         ensure(ROLE, "a command respects every limit", within)?;
         ensure(
             ROLE,
             "the vehicle touches nothing",
-            !sweeps(&mut obstacles, &state.map_from_base, &command.twist, request.dt),
+            !sweeps(&mut obstacles, &state.map_from_base, &command.motion.twist, request.dt),
         )?;
-        state.twist = command.twist;
-        state.map_from_base = state.map_from_base.compose(&command.twist.integrate(request.dt));
+        state = state.after(&command.motion, request.dt);
         match command.status {
-            LocalPlanStatus::Arrived => {
-                let at_end = request.path.points().last().is_some_and(|end| {
-                    (end.pose.translation() - state.map_from_base.translation()).norm() <= tolerance
-                });
-                return ensure(ROLE, "a vehicle that arrived is at the end of the path", at_end);
+            LocalPlanStatus::Arrived if state.twist == Twist2::ZERO => {
+                let end = request.path.points().last().map_or(state.map_from_base, |end| end.pose);
+                let end_from_base = end.inverse().compose(&state.map_from_base);
+                let at_end = end_from_base.translation().norm() <= tolerance;
+                ensure(ROLE, "a vehicle that arrived is at the end of the path", at_end)?;
+                let headed = end_from_base.yaw().abs() <= heading_tolerance;
+                return ensure(ROLE, "a vehicle that arrived has the heading of the end", headed);
             }
             LocalPlanStatus::Blocked(_) if state.twist == Twist2::ZERO => return Ok(()),
             LocalPlanStatus::InCollision => {
@@ -132,7 +138,7 @@ pub fn local_planner(
             _ => {}
         }
     }
-    ensure(ROLE, "the vehicle arrives, or stands and says that it is blocked", false)
+    ensure(ROLE, "the vehicle arrives and comes to rest, or stands and says that it is blocked", false)
 }
 
 /// A checker of one vehicle against the lethal cells of a costmap.
@@ -159,8 +165,8 @@ mod tests {
     use super::*;
     use crate::{
         check,
-        grid::{Cell, GridLayout},
-        kinematics::TwistLimits,
+        grid::{Cell, GridLayout, LocalMap, LocalMapParams},
+        kinematics::MotionLimits,
         roles::{BlockReason, LocalCommand, LocalPlanError},
     };
     use nalgebra::Vector2;
@@ -182,8 +188,9 @@ mod tests {
             }
             let rest = end.x() - request.state.map_from_base.x();
             let (wish, status) = if rest < 0.3 { (0.0, LocalPlanStatus::Arrived) } else { (self.speed, self.says) };
-            let twist = request.limits.step(&request.state.twist, &Twist2::new(wish, 0.0, 0.0), request.dt)?;
-            Ok(LocalCommand { twist, status })
+            let wish = Twist2::new(wish, 0.0, 0.0).into();
+            let motion = request.limits.step(&request.state.motion(), &wish, request.dt)?;
+            Ok(LocalCommand { motion, status })
         }
     }
 
@@ -196,18 +203,25 @@ mod tests {
             }
             let costmap = Costmap::from_map(&map);
             let path = Path::from_positions(&[Vector2::new(1.0, 2.0), Vector2::new(8.0, 2.0)]).unwrap();
-            let state = VehicleState { map_from_base: Se2::new(1.0, 2.0, 0.0), twist: Twist2::ZERO };
-            let limits = &TwistLimits::default();
-            let request = LocalPlanRequest { state, path: &path, costmap: &costmap, obstacles: &[], limits, dt: 0.1 };
+            let state = VehicleState::new(Se2::new(1.0, 2.0, 0.0), Twist2::ZERO);
+            let limits = &MotionLimits::default();
+            let map = &LocalMap::new(&costmap, LocalMapParams::default()).unwrap();
+            let request = LocalPlanRequest { state, path: &path, map, obstacles: &[], limits, dt: 0.1 };
             let footprint = Footprint::circle(0.3).unwrap();
-            local_planner(&mut Straight { speed, says }, request, &footprint, 0.4).map_err(|violation| violation.law)
+            local_planner(&mut Straight { speed, says }, request, &footprint, 0.4, 0.1)
+                .map_err(|violation| violation.law)
         };
         assert_eq!(verdict(false, 0.5, LocalPlanStatus::Following), Ok(()));
         assert_eq!(verdict(true, 0.0, BLOCKED), Ok(()));
         for (wall, speed, says, law) in [
             (true, 0.5, LocalPlanStatus::Following, "the vehicle touches nothing"),
             (true, 0.5, BLOCKED, "the vehicle touches nothing"),
-            (false, 0.0, LocalPlanStatus::Following, "the vehicle arrives, or stands and says that it is blocked"),
+            (
+                false,
+                0.0,
+                LocalPlanStatus::Following,
+                "the vehicle arrives and comes to rest, or stands and says that it is blocked",
+            ),
             (false, 0.0, LocalPlanStatus::Arrived, "a vehicle that arrived is at the end of the path"),
             (false, 0.0, LocalPlanStatus::InCollision, "a vehicle that touches nothing is in no collision"),
         ] {
