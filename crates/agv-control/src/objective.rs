@@ -37,8 +37,8 @@ impl<F: Fn(&[f64]) -> f64 + Sync> Objective for F {
     }
 }
 
-/// Most points in a batch: three registers of the widest kind of today (AVX-512, eight `f64` each). Wide arithmetic whose
-/// operations wait for one another gains by more lanes than a register has.
+/// Most points in a batch: three registers of the widest kind of today (AVX-512, eight `f64` each), and all of a swarm of
+/// twenty.
 pub const BATCH: usize = 24;
 
 /// Costs of points that lie one after another, in batches spread over threads. A NaN comes out as infinity.

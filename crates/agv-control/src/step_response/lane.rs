@@ -38,57 +38,34 @@ impl Lane for f64 {
     }
 }
 
-/// Registers side by side: one loop's operations wait for each other, so that more loops cost little until the
-/// registers run out. Three are what AVX2 has room for, and make two runs of a swarm of twenty.
-const REGISTERS: usize = 3;
+/// Lanes of two of the widest registers.
+pub(super) const MOST_LANES: usize = 16;
 
-/// Lanes of that many of the widest registers.
-pub(super) const MOST_LANES: usize = 8 * REGISTERS;
-
-/// A number in each lane of all registers.
+/// Two registers: one loop's operations wait for each other, so that a second one costs little.
 #[derive(Clone, Copy)]
 pub(super) struct Wide<S: Simd> {
     simd: S,
-    registers: [S::f64s; REGISTERS],
+    registers: [S::f64s; 2],
 }
 
 impl<S: Simd> Wide<S> {
     /// Numbers side by side.
-    pub(super) const LANES: usize = REGISTERS * S::F64_LANES;
+    pub(super) const LANES: usize = 2 * S::F64_LANES;
 
     /// The first values; zero where there are fewer.
     #[inline(always)]
     pub(super) fn load(simd: S, values: &[f64]) -> Self {
-        let mut registers = [simd.splat_f64s(0.0); REGISTERS];
-        for (register, values) in registers.iter_mut().zip(values.chunks(S::F64_LANES)) {
-            *register = simd.partial_load_f64s(values);
-        }
-        Self { simd, registers }
+        let (low, high) = values.split_at(values.len().min(S::F64_LANES));
+        Self { simd, registers: [simd.partial_load_f64s(low), simd.partial_load_f64s(high)] }
     }
 
     /// The number in a lane.
     pub(super) fn lane(&self, lane: usize) -> f64 {
         let mut values = [0.0; MOST_LANES];
-        for (values, register) in values.chunks_mut(S::F64_LANES).zip(self.registers) {
-            self.simd.partial_store_f64s(values, register);
-        }
+        let (low, high) = values.split_at_mut(S::F64_LANES);
+        self.simd.partial_store_f64s(low, self.registers[0]);
+        self.simd.partial_store_f64s(high, self.registers[1]);
         values[lane]
-    }
-
-    #[inline(always)]
-    fn each(mut self, operation: impl Fn(S, S::f64s) -> S::f64s) -> Self {
-        for register in &mut self.registers {
-            *register = operation(self.simd, *register);
-        }
-        self
-    }
-
-    #[inline(always)]
-    fn pairs(mut self, other: Self, operation: impl Fn(S, S::f64s, S::f64s) -> S::f64s) -> Self {
-        for (register, other) in self.registers.iter_mut().zip(other.registers) {
-            *register = operation(self.simd, *register, other);
-        }
-        self
     }
 }
 
@@ -97,7 +74,8 @@ impl<S: Simd> Add for Wide<S> {
 
     #[inline(always)]
     fn add(self, other: Self) -> Self {
-        self.pairs(other, S::add_f64s)
+        let (simd, [a, b], [c, d]) = (self.simd, self.registers, other.registers);
+        Self { simd, registers: [simd.add_f64s(a, c), simd.add_f64s(b, d)] }
     }
 }
 
@@ -106,7 +84,8 @@ impl<S: Simd> Sub for Wide<S> {
 
     #[inline(always)]
     fn sub(self, other: Self) -> Self {
-        self.pairs(other, S::sub_f64s)
+        let (simd, [a, b], [c, d]) = (self.simd, self.registers, other.registers);
+        Self { simd, registers: [simd.sub_f64s(a, c), simd.sub_f64s(b, d)] }
     }
 }
 
@@ -115,33 +94,34 @@ impl<S: Simd> Mul for Wide<S> {
 
     #[inline(always)]
     fn mul(self, other: Self) -> Self {
-        self.pairs(other, S::mul_f64s)
+        let (simd, [a, b], [c, d]) = (self.simd, self.registers, other.registers);
+        Self { simd, registers: [simd.mul_f64s(a, c), simd.mul_f64s(b, d)] }
     }
 }
 
 impl<S: Simd> Lane for Wide<S> {
     #[inline(always)]
     fn like(self, value: f64) -> Self {
-        Self { simd: self.simd, registers: [self.simd.splat_f64s(value); REGISTERS] }
+        Self { simd: self.simd, registers: [self.simd.splat_f64s(value); 2] }
     }
 
     #[inline(always)]
     fn abs(self) -> Self {
+        let (simd, [a, b]) = (self.simd, self.registers);
         // `abs_f64s` is a call where it is not one instruction.
-        let all_but_sign = self.simd.splat_f64s(f64::from_bits(!(1 << 63)));
-        self.each(
-            #[inline(always)]
-            |simd, a| simd.and_f64s(a, all_but_sign),
-        )
+        let all_but_sign = simd.splat_f64s(f64::from_bits(!(1 << 63)));
+        Self { simd, registers: [simd.and_f64s(a, all_but_sign), simd.and_f64s(b, all_but_sign)] }
     }
 
     #[inline(always)]
     fn at_least(self, min: Self) -> Self {
-        self.pairs(min, S::max_f64s)
+        let (simd, [a, b], [c, d]) = (self.simd, self.registers, min.registers);
+        Self { simd, registers: [simd.max_f64s(a, c), simd.max_f64s(b, d)] }
     }
 
     #[inline(always)]
     fn at_most(self, max: Self) -> Self {
-        self.pairs(max, S::min_f64s)
+        let (simd, [a, b], [c, d]) = (self.simd, self.registers, max.registers);
+        Self { simd, registers: [simd.min_f64s(a, c), simd.min_f64s(b, d)] }
     }
 }
