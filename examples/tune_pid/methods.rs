@@ -81,14 +81,12 @@ impl Method {
         if let Some(params) = self.swarm(args) {
             return Ok(Box::new(Swarm::new(dimension, params, seed)?));
         }
-        Ok(match self {
-            Self::CmaEs => Box::new(CmaEs::new(dimension, CmaEsParams::default(), seed)?),
-            _ => {
-                let population = usize::from(args.particles);
-                let params = DifferentialEvolutionParams { population, ..DifferentialEvolutionParams::default() };
-                Box::new(DifferentialEvolution::new(dimension, params, seed)?)
-            }
-        })
+        if self == Self::CmaEs {
+            return Ok(Box::new(CmaEs::new(dimension, CmaEsParams::default(), seed)?));
+        }
+        let population = usize::from(args.particles);
+        let params = DifferentialEvolutionParams { population, ..DifferentialEvolutionParams::default() };
+        Ok(Box::new(DifferentialEvolution::new(dimension, params, seed)?))
     }
 
     /// The gains up to the greatest one, on the scale that the method takes if the user takes none.
