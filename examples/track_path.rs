@@ -55,6 +55,9 @@ struct Args {
     /// Share of every turn that is lost on the floor
     #[arg(long, default_value_t = 0.03)]
     yaw_slip: f64,
+    /// Length over which the trackers read the path's turns as a bend, in metres: shorter is truer, and slower into corners
+    #[arg(long, default_value_t = 0.2)]
+    bend_window: f64,
     /// Number of seeds, from `--seed` on
     #[arg(long, default_value_t = 1, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     seeds: u64,
@@ -153,7 +156,7 @@ fn drive(
     let path = path.path()?;
     let seeds = (0..args.seeds).map(|i| Seed(args.common.seed.wrapping_add(i)));
     let run = |seed| {
-        let (mut tracker, mut filter) = (tracker.build()?, PoseFilter::new(PoseFilterParams::default())?);
+        let (mut tracker, mut filter) = (tracker.build(args)?, PoseFilter::new(PoseFilterParams::default())?);
         let localizer = (args.feedback == FeedbackName::Filtered).then_some(&mut filter as &mut PoseLocalizer);
         Ok(vehicle.drive(tracker.as_mut(), localizer, &path, seed)?)
     };
@@ -163,8 +166,9 @@ fn drive(
 impl TrackerName {
     /// The tracker with its defaults, but for what all share: a short window for bends that the path states point by point, and
     /// no care for what it carries.
-    fn build(self) -> Result<Box<dyn PathTracker>> {
-        let follower = FollowerParams { bend_window: 0.2, lateral_acceleration: 2.0, ..FollowerParams::default() };
+    fn build(self, args: &Args) -> Result<Box<dyn PathTracker>> {
+        let follower =
+            FollowerParams { bend_window: args.bend_window, lateral_acceleration: 2.0, ..FollowerParams::default() };
         Ok(match self {
             Self::PurePursuit => {
                 Box::new(PurePursuit::new(PurePursuitParams { follower, ..PurePursuitParams::default() })?)

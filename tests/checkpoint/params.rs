@@ -77,6 +77,7 @@ table! {
     control::track::PidTrackerParams,
     control::track::PurePursuitParams,
     control::track::StanleyParams,
+    filters::kalman::PoseFilterParams,
     filters::particle::LikelihoodFieldModelParams,
     filters::particle::MclParams,
     filters::particle::OdometryNoise,
