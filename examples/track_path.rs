@@ -237,6 +237,8 @@ struct Figures {
     max: f64,
     final_position_error: f64,
     final_heading_error: f64,
+    /// Root mean square of how far off the vehicle believed itself to be, in metres.
+    estimate_rmse: f64,
     mean_speed: f64,
     max_yaw_rate: f64,
     /// Root mean square of the change of the commanded turn rate, in rad/s²: what the drives have to work.
@@ -260,6 +262,8 @@ impl Figures {
             max: greatest(&PathRun::max),
             final_position_error: greatest(&PathRun::final_position_error),
             final_heading_error: greatest(&PathRun::final_heading_error),
+            estimate_rmse: mean(&|sample| (sample.estimate.translation() - sample.truth.translation()).norm_squared())
+                .sqrt(),
             mean_speed: mean(&|sample| sample.twist.speed()),
             max_yaw_rate: samples().map(|sample| sample.command.twist.yaw_rate.abs()).fold(0.0, f64::max),
             yaw_acceleration,
@@ -276,6 +280,7 @@ impl Figures {
             .number("max_m", self.max)
             .number("final_position_error_m", self.final_position_error)
             .number("final_heading_error_rad", self.final_heading_error)
+            .number("estimate_rmse_m", self.estimate_rmse)
             .number("mean_speed_mps", self.mean_speed)
             .number("max_yaw_rate_rad_per_s", self.max_yaw_rate)
             .number("yaw_acceleration_rms_rad_per_s2", self.yaw_acceleration)
