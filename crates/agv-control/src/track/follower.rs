@@ -3,6 +3,7 @@
 use super::{
     course::{Course, Leg, Projection},
     response::Response,
+    small_angle,
     speed::SpeedProfile,
     steering::{Steering, SteeringInput},
 };
@@ -289,7 +290,8 @@ impl<S: Steering> PathTracker for Follower<S> {
         let leg = self.course.leg();
         let reverses = leg == Leg::Drive(Gear::Reverse);
         let heading = if reverses { pose.rotation().compose(&So2::from_direction(-1.0, 0.0)) } else { pose.rotation() };
-        let heading_error = projection.direction.inverse().compose(&heading).angle();
+        let from_path = projection.direction.inverse().compose(&heading);
+        let heading_error = small_angle::angle(from_path.cos(), from_path.sin());
 
         let actual = self.response.update(&state.twist, pose.rotation(), dt);
         let cycle = Cycle { state: *state, actual, limits, dt, projection, heading, heading_error };

@@ -24,6 +24,7 @@ mod pid;
 mod pure_pursuit;
 mod response;
 mod riccati;
+mod small_angle;
 mod speed;
 mod stanley;
 mod steering;

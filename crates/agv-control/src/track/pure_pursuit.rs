@@ -1,14 +1,23 @@
 //! Pure pursuit: drive the arc that leads to a point ahead.
 //!
 //! Coulter, *Implementation of the pure pursuit path tracking algorithm*, 1992: with the goal point at `(x, y)` in the
-//! vehicle's frame and at the distance `l`, the arc through it has the curvature `2 y / l²`. The look-ahead grows with
-//! the speed, is measured along the path, and reaches beyond its end, so that it neither cuts hairpins nor shrinks to
-//! nothing at the goal (the oscillation that Nav2's users report); it is never shorter than the vehicle's yaw
-//! acceleration can follow. The speed is regulated by the follower as in
+//! vehicle's frame and at the distance `l`, the arc through it has the curvature `2 y / l²`. Aiming at a point ahead cuts bends;
+//! so the arc is drawn in the path's own coordinates, arc length and distance, in which the path is a straight line, and added
+//! to the path's curvature where the vehicle will be:
+//!
+//! ```text
+//! κ = κ_path + 2 (-y cos e - L sin e) / (L² + y²)          near the path  y'' + 2 v/L y' + 2 (v/L)² y = 0
+//! ```
+//!
+//! with the distance `y`, the heading error `e` and the look-ahead `L`: a damping of 0.7 at any speed. On a straight line that is
+//! Coulter's law. The look-ahead grows with the speed within bounds and goes on beyond the path's end, so that it does not
+//! shrink to nothing at the goal (the oscillation that Nav2's users report); it is never shorter than the vehicle's yaw
+//! acceleration can follow. The speed is regulated by curvature and by the distance to the goal, in the follower, as in
 //! Macenski et al., *Regulated pure pursuit for robot path tracking*, 2023.
 
 use super::{
     follower::{Follower, FollowerParams},
+    small_angle,
     steering::{Steering, SteeringInput},
 };
 use agv_core::{Error, check, geometry::Twist2, roles::TrackError};
@@ -70,7 +79,7 @@ impl Steering for PurePursuitSteering {
             return input.sideways(facing, &predicted, -(error / ahead).atan());
         }
         // The point lies at (ahead, 0) along the path, the vehicle at (0, error).
-        let (sin, cos) = heading_error.sin_cos();
+        let (sin, cos) = small_angle::sin_cos(heading_error);
         let aside = -error * cos - ahead * sin;
         let curvature = 2.0 * aside / (ahead * ahead + error * error);
         Ok(Twist2::new(input.speed, 0.0, input.speed * (predicted.curvature + curvature)))

@@ -49,11 +49,11 @@ pub struct StanleyParams {
 
 impl Default for StanleyParams {
     /// The error of the front axle dies away as fast as the heading is mended at half a metre per second, the speed of bends, so
-    /// that the two act as a critically damped pair there; both are slower than half the lag of 0.15 s, and so stable even if the
-    /// lag is not compensated. No damping beyond: the prediction of the heading damps the yaw rate already.
+    /// that the two act as a critically damped pair there; both are well slower than the lag of 0.15 s, and so stable even if
+    /// that is not compensated. No damping beyond: the prediction of the heading damps the yaw rate already.
     fn default() -> Self {
         Self {
-            gain: 2.0,
+            gain: 2.5,
             softening: 0.25,
             yaw_damping: 0.0,
             steering_damping: 0.0,

@@ -3,6 +3,7 @@
 use super::{
     course::{Course, Projection},
     follower::Facing,
+    small_angle,
     speed::SpeedProfile,
 };
 use agv_core::{
@@ -79,7 +80,8 @@ impl SteeringInput<'_> {
         let (v, time) = (self.actual.vx, self.response_time);
         let heading_error = self.course.angle_from(here, self.heading).ok_or(TrackError::NoPath)?;
         let turning = self.actual.yaw_rate - v * self.course.curvature_at(here);
-        let sideways = v * heading_error.sin() + self.actual.vy * heading_error.cos();
+        let (sin, cos) = small_angle::sin_cos(heading_error);
+        let sideways = v * sin + self.actual.vy * cos;
         let arc_length = here + (v * time).max(0.0);
         Ok(Prediction {
             arc_length,

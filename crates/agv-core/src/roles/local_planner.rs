@@ -50,6 +50,9 @@ impl VehicleState {
     /// # Errors
     /// [`Error::NotFinite`](crate::Error::NotFinite) names the part that is not.
     pub fn validate(&self) -> Result<(), Error> {
+        if self.is_finite() {
+            return Ok(());
+        }
         let (pose, twist) = (self.map_from_base, self.twist);
         let heading = pose.rotation();
         check::all_finite("map_from_base", &[pose.x(), pose.y(), heading.cos(), heading.sin()])?;

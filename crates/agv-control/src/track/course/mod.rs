@@ -3,6 +3,7 @@
 mod bends;
 mod projection;
 
+use super::small_angle;
 use agv_core::{
     geometry::{So2, angle_difference},
     path::{Gear, Path},
@@ -242,15 +243,14 @@ impl Course {
     /// Angle of a heading relative to [`direction_at`](Self::direction_at), in radians; read between two knots, so cheaper.
     #[inline]
     pub(super) fn angle_from(&self, arc_length: f64, heading: So2) -> Option<f64> {
-        let direction = match self.knot_direction(arc_length) {
-            Some(direction) => direction,
-            None => {
-                let direction = self.direction_at(arc_length)?;
-                Vector2::new(direction.cos(), direction.sin())
-            }
+        let direction = if let Some(direction) = self.knot_direction(arc_length) {
+            direction
+        } else {
+            let direction = self.direction_at(arc_length)?;
+            Vector2::new(direction.cos(), direction.sin())
         };
         let (cos, sin) = (heading.cos(), heading.sin());
-        Some((direction.x * sin - direction.y * cos).atan2(direction.x * cos + direction.y * sin))
+        Some(small_angle::angle(direction.x * cos + direction.y * sin, direction.x * sin - direction.y * cos))
     }
 
     /// The segment of the whole course that holds an arc length, the first or last for one beyond. O(1) for points that are
