@@ -76,6 +76,8 @@ table! {
     control::track::FollowerParams,
     control::track::PidTrackerParams,
     control::track::PurePursuitParams,
+    control::track::LqrParams,
+    control::track::MpcParams,
     control::track::StanleyParams,
     filters::kalman::PoseFilterParams,
     filters::particle::LikelihoodFieldModelParams,

@@ -1,14 +1,15 @@
 //! What the optimal trackers must reach on a vehicle that lags, slips and is localised with noise.
 
-use agv_control::track::{FollowerParams, Lqr, LqrParams, Mpc, MpcParams, MpcSource, ObserverParams};
+use agv_control::track::{FollowerParams, Lqr, LqrParams, Mpc, MpcParams, MpcSource, ObserverParams, TrackingWeights};
 use agv_core::{
     compute::Seed,
     geometry::{Se2, Twist2},
     kinematics::{MotionLimits, SteeringLimits, TwistLimits},
     nalgebra::Vector2,
-    path::{Gear, Path, PathPoint},
+    path::{Gear, Path, PathPoint, shapes},
     roles::{PathTracker, TrackStatus, VehicleState},
 };
+use agv_sim::{Feedback, PathRunParams};
 use rand_distr::{Distribution, StandardNormal};
 use std::f64::consts::{FRAC_PI_2, TAU};
 
@@ -254,4 +255,46 @@ fn a_vehicle_that_steers_keeps_its_path_in_both_gears() {
             assert!(arrived && worst < 0.03, "{name} {gear:?}: arrived {arrived}, {worst} m");
         }
     }
+}
+
+/// The experiments of `examples/track_path.rs`, at up to 1 m/s and 2 m/s² to the side, on the poses as they are measured.
+#[test]
+fn the_simulated_vehicles_keep_their_paths() {
+    let follower = FollowerParams { lateral_acceleration: 2.0, ..LqrParams::default().follower };
+    let corners = [(0.0, 0.0), (5.0, 0.0), (5.0, 2.5), (0.0, 2.5)].map(|(x, y)| Vector2::new(x, y));
+    let paths =
+        [("eight", shapes::lemniscate(3.0, 0.02).unwrap()), ("aisle", shapes::rounded(&corners, 0.6, 0.02).unwrap())];
+    let vehicles = [
+        ("differential", PathRunParams::differential()),
+        ("ackermann", PathRunParams::ackermann().unwrap()),
+        ("omnidirectional", PathRunParams::omnidirectional().unwrap()),
+    ];
+    for (vehicle, params) in &vehicles {
+        for (on, path) in &paths {
+            let mut lqr = Lqr::new(LqrParams { follower, ..LqrParams::default() }).unwrap();
+            let mut mpc = Mpc::new(MpcParams { follower, ..MpcParams::default() }).unwrap();
+            for (name, tracker) in [("lqr", &mut lqr as &mut dyn PathTracker), ("mpc", &mut mpc)] {
+                let (mut rmse, mut max) = (0.0_f64, 0.0_f64);
+                for seed in 0..2 {
+                    let run = params.drive(tracker, Feedback { localizer: None, lead: 0.0 }, path, Seed(seed)).unwrap();
+                    assert!(run.arrived && run.violations == 0, "{name}, {vehicle} on {on}");
+                    (rmse, max) = (rmse.max(run.rmse()), max.max(run.max()));
+                }
+                println!("{name}, {vehicle} on {on}: rmse {:.1} mm, max {:.1} mm", 1e3 * rmse, 1e3 * max);
+                assert!(rmse < 0.007 && max < 0.02, "{name}, {vehicle} on {on}: rmse {rmse} m, max {max} m");
+            }
+        }
+    }
+}
+
+/// Integral action takes the slip that a filter without a slip state leaves.
+#[test]
+fn integral_action_takes_what_the_filter_leaves() {
+    let observer = ObserverParams { slip_drift: 0.0, ..ObserverParams::default() };
+    let weights = TrackingWeights { integral: Some(0.05), ..TrackingWeights::default() };
+    let plain = LqrParams { observer, ..LqrParams::default() };
+    let (without, _) = drive(&mut Lqr::new(plain).unwrap(), &eight(), 1).unwrap();
+    let (with, _) = drive(&mut Lqr::new(LqrParams { weights, ..plain }).unwrap(), &eight(), 1).unwrap();
+    println!("rmse without {without} m, with {with} m");
+    assert!(with < without);
 }

@@ -27,15 +27,15 @@ pub struct TrackingWeights {
     pub heading: f64,
     /// Curvature beyond that of the path, in 1/m.
     pub curvature: f64,
-    /// Integrated cross-track error, in metre seconds; infinite for no integral action.
-    pub integral: f64,
+    /// Integrated cross-track error, in metre seconds; none for no integral action.
+    pub integral: Option<f64>,
 }
 
 impl Default for TrackingWeights {
     /// Five centimetres are worth a curvature of 1/m and 20°, which leads back within about half a metre; no integral action: the slip
     /// of the turn rate, which it would be for, is estimated.
     fn default() -> Self {
-        Self { cross_track: 0.05, heading: 0.35, curvature: 1.0, integral: f64::INFINITY }
+        Self { cross_track: 0.05, heading: 0.35, curvature: 1.0, integral: None }
     }
 }
 
@@ -44,10 +44,7 @@ impl TrackingWeights {
         check::positive("cross_track", self.cross_track)?;
         check::positive("heading", self.heading)?;
         check::positive("curvature", self.curvature)?;
-        if self.integral != f64::INFINITY {
-            check::positive("integral", self.integral)?;
-        }
-        Ok(())
+        self.integral.map_or(Ok(()), |worth| check::positive("integral", worth).map(|_| ()))
     }
 
     /// Costs of `y`, `θ` and the turn rate at a speed.
@@ -144,8 +141,8 @@ fn solve(weights: &TrackingWeights, speed: f64, step: &Sampled) -> Result<Regula
     let (a, b) = model(speed, step);
     let [y, heading, turn] = weights.costs(speed);
     let r = SMatrix::<f64, 1, 1>::new(turn);
-    if weights.integral.is_finite() {
-        let z = 1.0 / (weights.integral * weights.integral);
+    if let Some(worth) = weights.integral {
+        let z = 1.0 / (worth * worth);
         return riccati(&a, &b, &Matrix4::from_diagonal(&Vector4::new(y, heading, 0.0, z)), &r);
     }
     let a3: Matrix3<f64> = a.fixed_view::<3, 3>(0, 0).into_owned();
@@ -164,7 +161,7 @@ mod tests {
     /// Without lag and for short steps the gains are those of the double integrator, solved on paper.
     #[test]
     fn gains_without_lag_are_known() {
-        let weights = TrackingWeights { cross_track: 0.1, heading: 0.5, curvature: 2.0, integral: f64::INFINITY };
+        let weights = TrackingWeights { cross_track: 0.1, heading: 0.5, curvature: 2.0, integral: None };
         let table = LateralTable::new(&weights, 0.0, 1e-4, 2.0).unwrap();
         for speed in [0.1, 0.7, 2.0] {
             // In metres of path: κ = -k₁ y - k₂ θ with k₁ = κ₀ / y₀, k₂² = 2 k₁ + (κ₀ / θ₀)².
@@ -178,7 +175,7 @@ mod tests {
     /// Between the nodes, too, the loop is stable at every speed, also with integral action.
     #[test]
     fn interpolated_gains_are_stable() {
-        for integral in [f64::INFINITY, 0.1] {
+        for integral in [None, Some(0.1)] {
             let weights = TrackingWeights { integral, ..TrackingWeights::default() };
             let table = LateralTable::new(&weights, 0.15, 0.02, 2.0).unwrap();
             for k in 1..60 {
@@ -187,7 +184,7 @@ mod tests {
                 let mut x = Vector4::new(0.1, 0.0, 0.0, 0.0);
                 for _ in 0..20_000 {
                     x = a * x - b * (table.gain(speed.min(2.0)) * x)[0];
-                    if integral == f64::INFINITY {
+                    if integral.is_none() {
                         x[3] = 0.0;
                     }
                 }
@@ -203,7 +200,7 @@ mod tests {
             ("cross_track", TrackingWeights { cross_track: 0.0, ..good }, 0.1, 0.02, 1.0),
             ("heading", TrackingWeights { heading: f64::NAN, ..good }, 0.1, 0.02, 1.0),
             ("curvature", TrackingWeights { curvature: -1.0, ..good }, 0.1, 0.02, 1.0),
-            ("integral", TrackingWeights { integral: 0.0, ..good }, 0.1, 0.02, 1.0),
+            ("integral", TrackingWeights { integral: Some(0.0), ..good }, 0.1, 0.02, 1.0),
             ("lag", good, -0.1, 0.02, 1.0),
             ("period", good, 0.1, 0.0, 1.0),
             ("max_speed", good, 0.1, 0.02, 0.0),

@@ -63,7 +63,21 @@ pub struct LqrSteering {
     integral: f64,
 }
 
-/// The linear quadratic tracker.
+/// The linear quadratic tracker. O(1) per command; the twist of the states is to be the last command, as a drive that lags makes
+/// it the one thing that is known exactly.
+///
+/// ```
+/// use agv_control::track::{Lqr, LqrParams};
+/// use agv_core::{geometry::{Se2, Twist2}, kinematics::MotionLimits, nalgebra::Vector2, path::Path};
+/// use agv_core::roles::{PathTracker, VehicleState};
+///
+/// let mut tracker = Lqr::new(LqrParams::default())?;
+/// tracker.set_path(&Path::from_positions(&[Vector2::new(0.0, 0.0), Vector2::new(5.0, 0.0)])?)?;
+/// let beside = VehicleState::new(Se2::new(1.0, 0.1, 0.0), Twist2::new(0.8, 0.0, 0.0));
+/// let command = tracker.command(&beside, &MotionLimits::default(), 0.02)?;
+/// assert!(command.motion.twist.yaw_rate < 0.0); // back to the right
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub type Lqr = Follower<LqrSteering>;
 
 impl Lqr {
@@ -100,7 +114,7 @@ impl Steering for LqrSteering {
         let wanted = (told * curvature(input.course, preview) - feedback) / errors.slip;
         let twist = reachable(input, told, wanted);
         // Integrates only what the vehicle can act on.
-        if p.weights.integral.is_finite() && twist.yaw_rate == wanted && approach == linear {
+        if p.weights.integral.is_some() && twist.yaw_rate == wanted && approach == linear {
             self.integral += errors.cross_track * input.dt;
         }
         Ok(twist)

@@ -120,7 +120,22 @@ pub struct MpcSteering {
     report: Option<MpcReport>,
 }
 
-/// The model predictive tracker.
+/// The model predictive tracker. `O(n³)` per command for the `n` inputs of a horizon, about a tenth of a millisecond for twenty
+/// steps; the twist of the states is to be the last command.
+///
+/// ```
+/// use agv_control::track::{Mpc, MpcParams, MpcSource};
+/// use agv_core::{geometry::{Se2, Twist2}, kinematics::MotionLimits, nalgebra::Vector2, path::Path};
+/// use agv_core::roles::{PathTracker, VehicleState};
+///
+/// let mut tracker = Mpc::new(MpcParams::default())?;
+/// tracker.set_path(&Path::from_positions(&[Vector2::new(0.0, 0.0), Vector2::new(5.0, 0.0)])?)?;
+/// let beside = VehicleState::new(Se2::new(1.0, 0.1, 0.0), Twist2::new(0.8, 0.0, 0.0));
+/// let command = tracker.command(&beside, &MotionLimits::default(), 0.02)?;
+/// assert!(command.motion.twist.yaw_rate < 0.0); // back to the right
+/// assert!(tracker.steering().report().is_some_and(|report| report.source == MpcSource::Solved));
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
 pub type Mpc = Follower<MpcSteering>;
 
 impl Mpc {
