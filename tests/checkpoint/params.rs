@@ -93,6 +93,7 @@ table! {
     control::track::StanleyParams,
     control::tune::OnlineTunerParams,
     control::tune::StepCostParams,
+    filters::kalman::PoseFilterParams,
     filters::particle::LikelihoodFieldModelParams,
     filters::particle::MclParams,
     filters::particle::OdometryNoise,
