@@ -38,90 +38,108 @@ impl Lane for f64 {
     }
 }
 
-/// Lanes of two of the widest registers.
-pub(super) const MOST_LANES: usize = 16;
+/// Most registers that are worked on at a time.
+pub(super) const MOST_REGISTERS: usize = 3;
 
-/// Two registers: one loop's operations wait for each other, so that a second one costs little.
+/// Lanes of so many of the widest registers.
+pub(super) const MOST_LANES: usize = 8 * MOST_REGISTERS;
+
+/// `R` registers: one loop's operations wait for each other, so that a second one costs little.
 #[derive(Clone, Copy)]
-pub(super) struct Wide<S: Simd> {
+pub(super) struct Wide<S: Simd, const R: usize> {
     simd: S,
-    registers: [S::f64s; 2],
+    registers: [S::f64s; R],
 }
 
-impl<S: Simd> Wide<S> {
+impl<S: Simd, const R: usize> Wide<S, R> {
     /// Numbers side by side.
-    pub(super) const LANES: usize = 2 * S::F64_LANES;
+    pub(super) const LANES: usize = R * S::F64_LANES;
 
     /// The first values; zero where there are fewer.
     #[inline(always)]
     pub(super) fn load(simd: S, values: &[f64]) -> Self {
-        let (low, high) = values.split_at(values.len().min(S::F64_LANES));
-        Self { simd, registers: [simd.partial_load_f64s(low), simd.partial_load_f64s(high)] }
+        let mut registers = [simd.splat_f64s(0.0); R];
+        for (register, values) in registers.iter_mut().zip(values.chunks(S::F64_LANES)) {
+            *register = simd.partial_load_f64s(values);
+        }
+        Self { simd, registers }
     }
 
     /// The number in a lane.
     pub(super) fn lane(&self, lane: usize) -> f64 {
         let mut values = [0.0; MOST_LANES];
-        let (low, high) = values.split_at_mut(S::F64_LANES);
-        self.simd.partial_store_f64s(low, self.registers[0]);
-        self.simd.partial_store_f64s(high, self.registers[1]);
+        for (values, &register) in values.chunks_mut(S::F64_LANES).zip(&self.registers) {
+            self.simd.partial_store_f64s(values, register);
+        }
         values[lane]
     }
 }
 
-impl<S: Simd> Add for Wide<S> {
+impl<S: Simd, const R: usize> Add for Wide<S, R> {
     type Output = Self;
 
     #[inline(always)]
-    fn add(self, other: Self) -> Self {
-        let (simd, [a, b], [c, d]) = (self.simd, self.registers, other.registers);
-        Self { simd, registers: [simd.add_f64s(a, c), simd.add_f64s(b, d)] }
+    fn add(mut self, other: Self) -> Self {
+        for (own, other) in self.registers.iter_mut().zip(other.registers) {
+            *own = self.simd.add_f64s(*own, other);
+        }
+        self
     }
 }
 
-impl<S: Simd> Sub for Wide<S> {
+impl<S: Simd, const R: usize> Sub for Wide<S, R> {
     type Output = Self;
 
     #[inline(always)]
-    fn sub(self, other: Self) -> Self {
-        let (simd, [a, b], [c, d]) = (self.simd, self.registers, other.registers);
-        Self { simd, registers: [simd.sub_f64s(a, c), simd.sub_f64s(b, d)] }
+    fn sub(mut self, other: Self) -> Self {
+        for (own, other) in self.registers.iter_mut().zip(other.registers) {
+            *own = self.simd.sub_f64s(*own, other);
+        }
+        self
     }
 }
 
-impl<S: Simd> Mul for Wide<S> {
+impl<S: Simd, const R: usize> Mul for Wide<S, R> {
     type Output = Self;
 
     #[inline(always)]
-    fn mul(self, other: Self) -> Self {
-        let (simd, [a, b], [c, d]) = (self.simd, self.registers, other.registers);
-        Self { simd, registers: [simd.mul_f64s(a, c), simd.mul_f64s(b, d)] }
+    fn mul(mut self, other: Self) -> Self {
+        for (own, other) in self.registers.iter_mut().zip(other.registers) {
+            *own = self.simd.mul_f64s(*own, other);
+        }
+        self
     }
 }
 
-impl<S: Simd> Lane for Wide<S> {
+impl<S: Simd, const R: usize> Lane for Wide<S, R> {
     #[inline(always)]
     fn like(self, value: f64) -> Self {
-        Self { simd: self.simd, registers: [self.simd.splat_f64s(value); 2] }
+        Self { simd: self.simd, registers: [self.simd.splat_f64s(value); R] }
     }
 
     #[inline(always)]
-    fn abs(self) -> Self {
-        let (simd, [a, b]) = (self.simd, self.registers);
+    fn abs(mut self) -> Self {
         // `abs_f64s` is a call where it is not one instruction.
-        let all_but_sign = simd.splat_f64s(f64::from_bits(!(1 << 63)));
-        Self { simd, registers: [simd.and_f64s(a, all_but_sign), simd.and_f64s(b, all_but_sign)] }
+        let all_but_sign = self.simd.splat_f64s(f64::from_bits(!(1 << 63)));
+        for own in &mut self.registers {
+            *own = self.simd.and_f64s(*own, all_but_sign);
+        }
+        self
     }
 
     #[inline(always)]
-    fn at_least(self, min: Self) -> Self {
-        let (simd, [a, b], [c, d]) = (self.simd, self.registers, min.registers);
-        Self { simd, registers: [simd.max_f64s(a, c), simd.max_f64s(b, d)] }
+    fn at_least(mut self, min: Self) -> Self {
+        for (own, min) in self.registers.iter_mut().zip(min.registers) {
+            *own = self.simd.max_f64s(*own, min);
+        }
+        self
     }
 
     #[inline(always)]
-    fn at_most(self, max: Self) -> Self {
-        let (simd, [a, b], [c, d]) = (self.simd, self.registers, max.registers);
-        Self { simd, registers: [simd.min_f64s(a, c), simd.min_f64s(b, d)] }
+    fn at_most(mut self, max: Self) -> Self {
+        for (own, max) in self.registers.iter_mut().zip(max.registers) {
+            *own = self.simd.min_f64s(*own, max);
+        }
+        self
     }
 }

@@ -4,7 +4,7 @@
 
 use super::figures::{DIVERGED, StepFigures, finite_or_infinite};
 use super::kernel::{Sums, Test, run};
-use super::lane::{Lane, MOST_LANES, Wide};
+use super::lane::{Lane, MOST_LANES, MOST_REGISTERS, Wide};
 use crate::Error;
 use crate::pid::{AntiWindup, PidParams};
 use crate::plant::LinearPlant;
@@ -232,24 +232,41 @@ struct Batch<'a, R> {
     results: R,
 }
 
+impl<R: Results> Batch<'_, R> {
+    /// Runs the loops from `at` on, as many as `N` registers hold, and returns where to go on.
+    #[inline(always)]
+    fn run<S: Simd, const N: usize>(&mut self, simd: S, at: usize) -> usize {
+        let lanes = Wide::<S, N>::LANES;
+        let end = self.gains.len().min(at + lanes);
+        let mut columns = [[0.0; MOST_LANES]; 3];
+        let gains = &self.gains[at..end];
+        for (l, gains) in gains.iter().enumerate().filter(|(_, gains)| gains.can_be_simulated()) {
+            (columns[0][l], columns[1][l], columns[2][l]) = (gains.proportional, gains.integral, gains.derivative);
+        }
+        let [kp, ki, kd] = &columns;
+        let loaded = [&kp[..lanes], &ki[..lanes], &kd[..lanes]].map(|column| Wide::<S, N>::load(simd, column));
+        let sums = self.test.run(loaded, self.test.plain && R::COST_ONLY);
+        for (l, gains) in gains.iter().enumerate() {
+            self.results.take(at + l, gains.can_be_simulated().then(|| sums.map(|sum| sum.lane(l))));
+        }
+        end
+    }
+}
+
 impl<R: Results> WithSimd for Batch<'_, R> {
     type Output = ();
 
+    /// Three registers where they hold what two do not, and there are names for all that a step keeps: with sixteen of them
+    /// three cost a batch of eight 40 % and bring one of twenty 5 %.
     #[inline(always)]
     fn with_simd<S: Simd>(mut self, simd: S) {
-        let lanes = Wide::<S>::LANES;
-        for (chunk, gains) in self.gains.chunks(lanes).enumerate() {
-            let mut columns = [[0.0; MOST_LANES]; 3];
-            for (l, gains) in gains.iter().enumerate().filter(|(_, gains)| gains.can_be_simulated()) {
-                (columns[0][l], columns[1][l], columns[2][l]) = (gains.proportional, gains.integral, gains.derivative);
-            }
-            let [kp, ki, kd] = &columns;
-            let loaded =
-                [Wide::load(simd, &kp[..lanes]), Wide::load(simd, &ki[..lanes]), Wide::load(simd, &kd[..lanes])];
-            let sums = self.test.run(loaded, self.test.plain && R::COST_ONLY);
-            for (l, gains) in gains.iter().enumerate() {
-                self.results.take(chunk * lanes + l, gains.can_be_simulated().then(|| sums.map(|sum| sum.lane(l))));
-            }
+        let mut at = 0;
+        while at < self.gains.len() {
+            at = if S::F64_LANES == 8 && self.gains.len() - at > Wide::<S, 2>::LANES {
+                self.run::<S, MOST_REGISTERS>(simd, at)
+            } else {
+                self.run::<S, 2>(simd, at)
+            };
         }
     }
 }
