@@ -82,13 +82,19 @@ impl TwistLimits {
     pub fn clamp(&self, twist: &Twist2) -> Result<Twist2, Error> {
         self.validate()?;
         finite_twist("twist", twist)?;
+        Ok(self.clamp_sound(twist))
+    }
+
+    /// As [`clamp`](Self::clamp), of values that were checked.
+    #[inline]
+    pub(super) fn clamp_sound(&self, twist: &Twist2) -> Twist2 {
         let vy = if self.lateral_speed == 0.0 { 0.0 } else { twist.vy };
         let forward_or_back = if twist.vx < 0.0 { self.reverse_speed } else { self.forward_speed };
         let scale = [(twist.vx, forward_or_back), (vy, self.lateral_speed), (twist.yaw_rate, self.yaw_rate)]
             .iter()
             .filter(|(value, limit)| value.abs() > limit + TOLERANCE)
             .fold(1.0_f64, |scale, (value, limit)| scale.min(limit / value.abs()));
-        Ok(Twist2::new(scale * twist.vx, scale * vy, scale * twist.yaw_rate))
+        Twist2::new(scale * twist.vx, scale * vy, scale * twist.yaw_rate)
     }
 
     /// The twist after one time step from `current` towards `target`, within the limits of speed and acceleration.
@@ -106,10 +112,16 @@ impl TwistLimits {
     pub fn step(&self, current: &Twist2, target: &Twist2, dt: f64) -> Result<Twist2, Error> {
         finite_twist("current twist", current)?;
         check::non_negative("dt", dt)?;
-        let target = self.clamp(target)?;
+        Ok(self.step_sound(current, &self.clamp(target)?, dt))
+    }
+
+    /// As [`step`](Self::step), of values that were checked, to a target that was clamped.
+    #[inline]
+    pub(super) fn step_sound(&self, current: &Twist2, target: &Twist2, dt: f64) -> Twist2 {
+        let target = *target;
         let axes = self.axes(current, &target, dt);
         if axes.iter().all(Axis::reaches_target) {
-            return Ok(target);
+            return target;
         }
         let along = [target.vx, target.vy, target.yaw_rate];
         let (least, greatest) = axes
@@ -126,7 +138,7 @@ impl TwistLimits {
         };
         // Also after the multiple, whose rounding may lead a hair out of reach.
         let [x, y, yaw] = axes;
-        Ok(Twist2::new(x.nearest(vx), y.nearest(vy), yaw.nearest(yaw_rate)))
+        Twist2::new(x.nearest(vx), y.nearest(vy), yaw.nearest(yaw_rate))
     }
 
     /// Whether the twist keeps to the speed limits, up to rounding.
@@ -144,6 +156,7 @@ impl TwistLimits {
     /// The components of a step from `current` to `target`.
     ///
     /// A vehicle that cannot move sideways has no such component: what is measured of it is slip, not for it to brake.
+    #[inline]
     pub(super) fn axes(&self, current: &Twist2, target: &Twist2, dt: f64) -> [Axis; 3] {
         let (a, d, yaw) = (self.acceleration, self.deceleration, self.yaw_acceleration);
         let sideways = if self.lateral_speed == 0.0 { 0.0 } else { current.vy };

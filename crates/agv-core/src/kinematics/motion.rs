@@ -133,14 +133,20 @@ impl MotionLimits {
     /// A twist that is not finite, and what [`validate`](Self::validate) says.
     pub fn clamp(&self, twist: &Twist2) -> Result<Twist2, Error> {
         self.validate()?;
-        let steered = self.steering.map_or(Ok(*twist), |steering| steering.clamp(twist))?;
-        let slow = self.twist.clamp(&steered)?;
+        finite_twist("twist", twist)?;
+        Ok(self.clamp_sound(twist))
+    }
+
+    #[inline]
+    fn clamp_sound(&self, twist: &Twist2) -> Twist2 {
+        let steered = self.steering.map_or(*twist, |steering| steering.clamp_sound(twist));
+        let slow = self.twist.clamp_sound(&steered);
         let sideways = slow.speed() * slow.yaw_rate.abs();
         let scale = match self.lateral_acceleration {
             Some(limit) if sideways > limit + TOLERANCE => (limit / sideways).sqrt(),
-            _ => return Ok(slow),
+            _ => return slow,
         };
-        Ok(Twist2::new(scale * slow.vx, scale * slow.vy, scale * slow.yaw_rate))
+        Twist2::new(scale * slow.vx, scale * slow.vy, scale * slow.yaw_rate)
     }
 
     /// The motion after one time step from `current` towards `target`, within all limits at once; see
@@ -157,10 +163,10 @@ impl MotionLimits {
         current.check("current twist")?;
         target.check("target twist")?;
         check::non_negative("dt", dt)?;
-        match &self.steering {
+        Ok(match &self.steering {
             Some(steering) => self.step_steered(steering, current, target, dt),
-            None => self.step_free(current, target, dt),
-        }
+            None => self.step_free(&current.twist, &target.twist, dt).into(),
+        })
     }
 
     /// As [`step`](Self::step) towards rest, the wheels staying as they are: braking as hard as allowed.
@@ -226,40 +232,36 @@ impl MotionLimits {
         self.twist.stopping_speed(distance, reaction_time)
     }
 
-    fn step_free(&self, current: &Motion, target: &Motion, dt: f64) -> Result<Motion, Error> {
-        let target = self.clamp(&target.twist)?;
-        let wanted = self.twist.step(&current.twist, &target, dt)?;
-        let Some(limit) = self.lateral_acceleration else { return Ok(wanted.into()) };
+    /// A step of a vehicle that turns by its wheels' speeds.
+    fn step_free(&self, current: &Twist2, target: &Twist2, dt: f64) -> Twist2 {
+        let target = self.clamp_sound(target);
+        let wanted = self.twist.step_sound(current, &target, dt);
+        let Some(limit) = self.lateral_acceleration else { return wanted };
         let sideways = wanted.speed() * wanted.yaw_rate.abs();
         if sideways <= limit {
-            return Ok(wanted.into());
+            return wanted;
         }
         // On the same curvature if that is in reach, else less of a turn, else less speed too.
         let scale = (limit / sideways).sqrt();
-        let [x, y, yaw] = self.twist.axes(&current.twist, &target, dt);
+        let [x, y, yaw] = self.twist.axes(current, &target, dt);
         let (vx, vy) = (x.nearest(scale * wanted.vx), y.nearest(scale * wanted.vy));
         let speed = vx.hypot(vy);
         let most = limit / speed.max(f64::MIN_POSITIVE);
         let yaw_rate = yaw.nearest((scale * wanted.yaw_rate).clamp(-most, most));
         if speed * yaw_rate.abs() <= limit {
-            return Ok(Twist2::new(vx, vy, yaw_rate).into());
+            return Twist2::new(vx, vy, yaw_rate);
         }
         // The speed is convex along the way to the slowest, so at this share it is low enough.
         let (slow_x, slow_y) = (x.slowest(), y.slowest());
         let excess = speed - limit / yaw_rate.abs();
         let share = (excess / (speed - slow_x.hypot(slow_y)).max(f64::MIN_POSITIVE)).min(1.0);
         let mix = |from: f64, to: f64| from + share * (to - from);
-        Ok(Twist2::new(x.nearest(mix(vx, slow_x)), y.nearest(mix(vy, slow_y)), yaw_rate).into())
+        Twist2::new(x.nearest(mix(vx, slow_x)), y.nearest(mix(vy, slow_y)), yaw_rate)
     }
 
-    fn step_steered(
-        &self,
-        steering: &SteeringLimits,
-        current: &Motion,
-        target: &Motion,
-        dt: f64,
-    ) -> Result<Motion, Error> {
-        let wanted = self.clamp(&target.twist)?;
+    /// A step of a vehicle that steers.
+    fn step_steered(&self, steering: &SteeringLimits, current: &Motion, target: &Motion, dt: f64) -> Motion {
+        let wanted = self.clamp_sound(&target.twist);
         let reach = Reach::new(self, steering, current, wanted.vx, dt);
         let angle = match target.steering {
             Some(angle) => angle,
@@ -276,7 +278,7 @@ impl MotionLimits {
         // At rest any angle will do, and 0/0 is no bound.
         let angle = if vx == 0.0 { angle } else { reach.angle.nearest(angle.clamp(-most, most)) };
         let twist = Twist2::new(vx, 0.0, vx * steering.curvature(angle));
-        Ok(Motion { twist, steering: Some(angle) })
+        Motion { twist, steering: Some(angle) }
     }
 }
 

@@ -50,6 +50,10 @@ impl VehicleState {
     /// # Errors
     /// [`Error::NotFinite`](crate::Error::NotFinite) names the part that is not.
     pub fn validate(&self) -> Result<(), Error> {
+        // A heading as a number costs an arc tangent: only to name what is wrong.
+        if self.is_finite() {
+            return Ok(());
+        }
         let (pose, twist) = (self.map_from_base, self.twist);
         check::all_finite("map_from_base", &[pose.x(), pose.y(), pose.yaw()])?;
         check::all_finite("twist", &[twist.vx, twist.vy, twist.yaw_rate])?;
