@@ -230,9 +230,10 @@ impl<S: Steering> PathTracker for Follower<S> {
         let lateral = limits.lateral_acceleration.unwrap_or(f64::INFINITY).min(p.lateral_acceleration);
         self.profile.update(&self.course, &MotionLimits { lateral_acceleration: Some(lateral), ..*limits });
         // Far enough ahead that a fast vehicle is found again, near enough that a crossing branch is not.
-        let reach = 4.0 * limits.twist.forward_speed.max(limits.twist.reverse_speed) * dt + p.max_cross_track;
+        let stride = 4.0 * limits.twist.forward_speed.max(limits.twist.reverse_speed) * dt;
+        let reach = stride + p.max_cross_track;
         let pose = state.map_from_base;
-        let projection = self.course.advance(&pose.translation(), reach).ok_or(TrackError::NoPath)?;
+        let projection = self.course.advance_within(&pose.translation(), stride, reach).ok_or(TrackError::NoPath)?;
         let remaining = self.course.length() - projection.arc_length;
         let leg = self.course.leg();
         let reverses = leg == Leg::Drive(Gear::Reverse);

@@ -65,8 +65,8 @@ impl PurePursuit {
 impl Steering for PurePursuitSteering {
     fn twist(&mut self, input: &SteeringInput<'_>) -> Result<Twist2, TrackError> {
         let p = &self.params;
-        let ahead = (p.look_ahead_time * input.speed).max(steerable_look_ahead(input));
-        let ahead = ahead.clamp(p.look_ahead_min, p.look_ahead_max);
+        let ahead = (p.look_ahead_time * input.speed).max(p.look_ahead_min);
+        let ahead = steerable_look_ahead(input, ahead).min(p.look_ahead_max);
         let (target, _) = input.course.point_at(input.projection.arc_length + ahead).ok_or(TrackError::NoPath)?;
         let in_base = input.heading.inverse().act(&(target - input.position));
         // At the target itself every arc leads there: go straight.
@@ -77,13 +77,16 @@ impl Steering for PurePursuitSteering {
     fn reset(&mut self) {}
 }
 
-/// Least look-ahead at which the vehicle's yaw acceleration suffices to come back to the path without swinging.
+/// The look-ahead, or the least at which the vehicle's yaw acceleration suffices to come back to the path without swinging.
 ///
 /// Near the path pure pursuit is an oscillator of frequency `√2 v / l`; an offset `y` then asks for `2√2 v² y / l³` of
 /// yaw acceleration, and a heading error `e` for `2√2 v² e / l²`.
-fn steerable_look_ahead(input: &SteeringInput<'_>) -> f64 {
+fn steerable_look_ahead(input: &SteeringInput<'_>, ahead: f64) -> f64 {
     let pull = 2.0 * std::f64::consts::SQRT_2 * input.speed * input.speed / input.limits.twist.yaw_acceleration;
-    (pull * input.projection.cross_track.abs()).cbrt().max((pull * input.heading_error.abs()).sqrt())
+    let (cube, square) = (pull * input.projection.cross_track.abs(), pull * input.heading_error.abs());
+    // Near the path it is longer already, and a comparison is cheaper than a root.
+    let ahead = if cube > ahead * ahead * ahead { cube.cbrt() } else { ahead };
+    if square > ahead * ahead { square.sqrt() } else { ahead }
 }
 
 #[cfg(test)]
