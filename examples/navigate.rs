@@ -157,15 +157,15 @@ fn localizer(
     let field = LikelihoodField::new(map, LikelihoodFieldParams::default())?;
     let sensor = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default())?;
     let motion = DifferentialOdometryModel::new(OdometryNoise::default())?;
-    let free_space = FreeSpace::connected_to(map, &inside.translation())?;
+    let free_space = FreeSpace::new(map, VEHICLE_RADIUS)?.reached_from(&inside.translation())?;
     let mcl = Mcl::new(motion, sensor, free_space, MclParams::default(), seed)?;
     Ok(Box::new(mcl.with_parallelism(args.common.par())))
 }
 
 /// What is known of the start: half a metre and 15 degrees.
-fn start_belief(start: &Se2) -> PoseBelief<Se2> {
+fn start_belief(start: &Se2) -> Result<PoseBelief<Se2>> {
     let deviations = Vector3::new(0.5, 0.5, 15_f64.to_radians());
-    PoseBelief::around(*start, Matrix3::from_diagonal(&deviations.component_mul(&deviations)))
+    Ok(PoseBelief::around(*start, Matrix3::from_diagonal(&deviations.component_mul(&deviations)))?)
 }
 
 /// Estimates beside the truth, at some moments of a drive.
@@ -205,7 +205,7 @@ impl Track {
 fn localize(args: &Args, map: &Grid<CellState>, recorded: &Recording, report: &mut Report) -> Result<Track> {
     let start = recorded.reference[0].pose;
     let mut localizer = localizer(map, &start, args, args.common.seed())?;
-    localizer.initialize(&start_belief(&start))?;
+    localizer.initialize(&start_belief(&start)?)?;
 
     let (mut track, mut timings) = (Track::default(), Timings::default());
     let progress = Progress::new(recorded.reference.len(), "localising");
@@ -218,7 +218,8 @@ fn localize(args: &Args, map: &Grid<CellState>, recorded: &Recording, report: &m
         if matches!(attempt.time(|| localizer.update(&entry.scan))?, UpdateOutcome::Applied(_)) {
             timings.append(attempt);
             let time = to - recorded.log.entries[0].scan.stamp();
-            track.push(time, localizer.estimate().map_from_base, reference.pose);
+            let estimate = localizer.estimate().ok_or("the localizer has no belief")?;
+            track.push(time, *estimate.map_from_base(), reference.pose);
         }
     }
     let (position, heading) = (Statistics::new(track.position_errors())?, Statistics::new(track.heading_errors())?);
@@ -258,7 +259,7 @@ fn drive(args: &Args, map: &Grid<CellState>, start: Se2, recorded: &Recording, r
         costmap,
         limits.into(),
     )?;
-    navigator.start(&PoseBelief::around(start, Matrix3::identity() * 1e-4))?;
+    navigator.start(&PoseBelief::around(start, Matrix3::identity() * 1e-4)?)?;
     let mut plan = Timings::default();
     let expansions = go_far(&mut navigator, &mut plan, start, recorded)?;
 
@@ -268,10 +269,9 @@ fn drive(args: &Args, map: &Grid<CellState>, start: Se2, recorded: &Recording, r
         GridWorld::new(map),
         Vehicle::new(vehicle, start, seed.derive(1))?,
         Body::circle(VEHICLE_RADIUS)?,
-        Laser::new(laser, seed.derive(2))?,
         dt,
     )?
-    .with_scan_every(2);
+    .with_laser(Laser::new(laser, seed.derive(2))?, 2)?;
 
     let mut course = Course::new(FollowerParams::default().bend_window);
     course.set(navigator.path())?;
@@ -280,12 +280,12 @@ fn drive(args: &Args, map: &Grid<CellState>, start: Se2, recorded: &Recording, r
     let cycles_at_most = (20.0 * drive.path.length() / limits.forward_speed / dt) as usize;
     for cycle in 1..=cycles_at_most {
         let seen = simulator.step(&command.twist)?;
-        let step = cycles.time(|| navigator.cycle(&seen.odometry, seen.scan, command, dt))?;
+        let step = cycles.time(|| navigator.cycle(&seen.odometry, seen.scan(), command, dt))?;
         let track = step.command.ok_or("the navigator has no path")?;
         command = track.motion;
         contacts += usize::from(seen.contact);
         let truth = seen.truth.map_from_base;
-        drive.track.push(cycle as f64 * dt, step.estimate.map_from_base, truth);
+        drive.track.push(cycle as f64 * dt, *step.estimate.map_from_base(), truth);
         drive.cross_track.extend(course.advance(&truth.translation(), 2.0).map(|p| p.cross_track));
         arrived = track.status == TrackStatus::Arrived;
         if arrived {

@@ -2,9 +2,7 @@
 
 use agv_core::{
     frames::FrameError,
-    roles::{
-        ControlError, LocalPlanError, LocalizationError, PlanError, RegistrationError, ScanMatchError, TrackError,
-    },
+    roles::{AlignmentError, ControlError, LocalPlanError, LocalizationError, PlanError, TrackError},
 };
 
 /// Whatever a part of a pipeline refused.
@@ -20,12 +18,9 @@ pub enum Error {
     /// A localizer refused a call.
     #[error(transparent)]
     Localization(#[from] LocalizationError),
-    /// A scan matcher refused a call.
+    /// A scan matcher, a registration or a lidar odometry refused a call.
     #[error(transparent)]
-    ScanMatch(#[from] ScanMatchError),
-    /// A registration or a lidar odometry refused a call.
-    #[error(transparent)]
-    Registration(#[from] RegistrationError),
+    Alignment(#[from] AlignmentError),
     /// A global planner refused a query.
     #[error(transparent)]
     Plan(#[from] PlanError),
@@ -39,6 +34,10 @@ pub enum Error {
     /// A path tracker refused a call.
     #[error(transparent)]
     Track(#[from] TrackError),
+    /// A plant or a test of a controller was refused.
+    #[cfg(feature = "control")]
+    #[error(transparent)]
+    ControlParams(#[from] agv_control::Error),
     /// A controller refused a call.
     #[error(transparent)]
     Control(#[from] ControlError),

@@ -8,9 +8,10 @@ pub use agv_core::{
     odometry::{MotionIncrement, OdometryIncrement},
     path::Path,
     roles::{
-        Controller, Correct, GlobalPlanner, LidarOdometry, LocalPlanRequest, LocalPlanner, Localizer, PathTracker,
-        PlanOutcome, PoseBelief, PoseEstimate, Registration, ScanMatcher, TrackStatus, UpdateOutcome, VehicleState,
+        Controller, Correct, GlobalPlanner, LidarOdometry, LocalPlanRequest, LocalPlanner, LocalizationStatus,
+        Localizer, PathTracker, PlanOutcome, PoseBelief, PoseEstimate, Registration, ScanMatcher, TrackStatus,
+        UpdateOutcome, VehicleState,
     },
-    sensors::{LaserScan, PointCloud, ScanGeometry},
+    sensors::{LaserScan, PointCloud, ScanGeometry, SensorId},
     time::Stamp,
 };

@@ -9,8 +9,8 @@ use agv_core::grid::{Cell, CellState, Costmap, Grid, GridLayout};
 use agv_core::path::Path;
 use agv_core::roles::{GlobalPlanner, PlanOutcome};
 use agv_plan::grid::{
-    AStar, AStarParams, GridParams, GridSpace, Heuristic, Limits, Octile, Offset, Potential, SearchEnd, Step,
-    Workspace, Zero,
+    AStar, AStarParams, Bidirectional, GridHeuristic, GridParams, GridPlannerParams, GridSpace, Heuristic, Jps,
+    LazyThetaStar, Limits, Octile, Offset, Potential, SearchEnd, Step, ThetaStar, Workspace, Zero,
 };
 use agv_support::movingai::{Query, read_map, read_scenario};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
@@ -134,6 +134,19 @@ fn report(set: &Set, what: &str, mut solve: impl FnMut(&Query) -> u64) {
     );
 }
 
+/// The others that play the role; each with the same lengths as A*, or shorter ones.
+fn planners() -> [(&'static str, Box<dyn GlobalPlanner>); 5] {
+    let (params, zero) = (GridPlannerParams::default(), GridHeuristic::Zero);
+    let bidirectional = |heuristic| Bidirectional::new(AStarParams { heuristic, ..Default::default() }).unwrap();
+    [
+        ("bidirectional A*", Box::new(bidirectional(GridHeuristic::Exact))),
+        ("bidirectional Dijkstra", Box::new(bidirectional(zero))),
+        ("JPS", Box::new(Jps::new(params).unwrap())),
+        ("Theta*", Box::new(ThetaStar::new(params).unwrap())),
+        ("Lazy Theta*", Box::new(LazyThetaStar::new(params).unwrap())),
+    ]
+}
+
 /// Work per cell of the map: the full potential, a space built anew, and one that finds its map unchanged.
 fn report_map_work(set: &Set) {
     let goal = set.space.node(set.queries[0].goal).unwrap();
@@ -182,6 +195,15 @@ fn bench(c: &mut Criterion) {
                 assert_eq!(peer(&set.space, query), Some(cost), "{number}");
             }
         }
+        for (what, mut planner) in planners() {
+            for query in set.queries.iter().step_by(20) {
+                let outcome =
+                    planner.plan_into(&set.costmap, &pose(query.start), &pose(query.goal), &mut path).unwrap();
+                let PlanOutcome::Found { cost, .. } = outcome else { panic!("{outcome:?}") };
+                let is_shorter = what.contains("Theta") && cost < query.optimal_length;
+                assert!(is_shorter || (cost - query.optimal_length).abs() < 1e-2, "{what}: {cost}");
+            }
+        }
         report(&set, "A*", |q| search(&set.space, &mut workspace, &octile(&set, q), q).1);
         report(&set, "Dijkstra", |q| search(&set.space, &mut workspace, &Zero, q).1);
         report(&set, "A* as GlobalPlanner", |q| {
@@ -190,6 +212,13 @@ fn bench(c: &mut Criterion) {
                 _ => 0,
             }
         });
+
+        for (what, mut planner) in planners() {
+            report(&set, what, |q| match planner.plan_into(&set.costmap, &pose(q.start), &pose(q.goal), &mut path) {
+                Ok(PlanOutcome::Found { expansions, .. }) => expansions,
+                _ => 0,
+            });
+        }
 
         report_map_work(&set);
 

@@ -44,7 +44,7 @@ fn odometry(c: &mut Criterion) {
     let mut group = c.benchmark_group("odometry");
     group.throughput(Throughput::Elements(1));
     let (start, end) = (Stamp::default(), Stamp::from_seconds(0.02));
-    group.bench_function("increment", |b| b.iter(|| odometry.increment(start, end, black_box(&[0.1, 0.12]), 0.0)));
+    group.bench_function("increment", |b| b.iter(|| odometry.increment(start, end, black_box(&[0.1, 0.12]), &[])));
     let motion = Se2::new(0.1, 0.01, 0.05);
     group.bench_function("rot_trans_rot", |b| b.iter(|| RotTransRot::from_motion(black_box(&motion)).to_motion()));
 }

@@ -75,10 +75,10 @@ fn filter(
 ) -> Mcl<DifferentialOdometryModel, LikelihoodFieldModel> {
     let motion = DifferentialOdometryModel::new(OdometryNoise::default()).expect("noise");
     let params = MclParams { particles, ..Default::default() };
-    let free_space = FreeSpace::new(&scene.map).expect("free cells");
+    let free_space = FreeSpace::new(&scene.map, 0.2).expect("free cells");
     let filter = Mcl::new(motion, sensor(scene, beams), free_space, params, Seed(7)).expect("parameters");
     let mut filter = filter.with_parallelism(par);
-    filter.initialize(&PoseBelief::around(scene.pose, covariance())).expect("belief");
+    filter.initialize(&PoseBelief::around(scene.pose, covariance()).expect("covariance")).expect("belief");
     filter
 }
 
@@ -116,7 +116,7 @@ fn full_update(criterion: &mut Criterion) {
                     })
                 });
             });
-            let error = filter.estimate().map_from_base.minus(&scene.pose).norm();
+            let error = filter.estimate().expect("initialised").map_from_base().minus(&scene.pose).norm();
             assert!(error < 0.6, "the filter is lost by {error}");
         }
     }
@@ -132,7 +132,7 @@ fn parts(criterion: &mut Criterion) {
     let scene = scene();
     let mut group = criterion.benchmark_group("mcl_parts");
     for particles in [2000_usize, 10_000] {
-        let poses = filter(&scene, particles, 60, Par::Seq).particles().poses().to_vec();
+        let poses = filter(&scene, particles, 60, Par::Seq).particles().states().to_vec();
         let mut log_likelihoods = vec![0.0; particles];
         for beams in [60, 180] {
             let mut model = sensor(&scene, beams);
@@ -175,7 +175,7 @@ fn parts(criterion: &mut Criterion) {
             bencher.iter(|| Systematic.resample(black_box(&weights), &mut Seed(7).stream(0, 0), &mut ancestors));
         });
         group.bench_function(BenchmarkId::new("resample_set", particles), |bencher| {
-            bencher.iter(|| set.resample(&Systematic, &mut Seed(7).stream(0, 0), Par::Seq));
+            bencher.iter(|| set.resample(particles, &Systematic, &mut Seed(7).stream(0, 0), Par::Seq).len());
         });
     }
     group.finish();

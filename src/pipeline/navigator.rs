@@ -14,8 +14,8 @@ use agv_core::{
     odometry::OdometryIncrement,
     path::Path,
     roles::{
-        Correct, GlobalPlanner, LocalizationError, PathTracker, PlanOutcome, PoseBelief, PoseEstimate, TrackCommand,
-        TrackError, UpdateOutcome, VehicleState,
+        Correct, GlobalPlanner, LocalizationError, LocalizationStatus, PathTracker, PlanOutcome, PoseBelief,
+        PoseEstimate, TrackCommand, TrackError, UpdateOutcome, VehicleState,
     },
     sensors::LaserScan,
 };
@@ -47,7 +47,7 @@ pub struct NavigationStep {
 /// let field = LikelihoodField::new(&map, LikelihoodFieldParams::default())?;
 /// let sensor = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default())?;
 /// let motion = DifferentialOdometryModel::new(OdometryNoise::default())?;
-/// let mcl = Mcl::new(motion, sensor, FreeSpace::new(&map)?, MclParams::default(), Seed(7))?;
+/// let mcl = Mcl::new(motion, sensor, FreeSpace::new(&map, 0.2)?, MclParams::default(), Seed(7))?;
 /// let costmap = Inflation::new(InflationParams::default())?.inflate(&map)?;
 /// let (astar, tracker) = (AStar::new(AStarParams::default())?, PurePursuit::new(PurePursuitParams::default())?);
 /// let limits = MotionLimits::default();
@@ -55,16 +55,16 @@ pub struct NavigationStep {
 ///
 /// let (start, goal, dt) = (Se2::new(2.0, 2.0, 0.0), Se2::new(6.0, 4.0, 0.0), 0.05);
 /// assert!(navigator.go_to(&goal).is_err(), "nobody knows yet where the vehicle is");
-/// navigator.start(&PoseBelief::around(start, Matrix3::identity() * 0.01))?;
+/// navigator.start(&PoseBelief::around(start, Matrix3::identity() * 0.01)?)?;
 /// navigator.go_to(&goal)?;
 ///
 /// let vehicle = Vehicle::new(VehicleParams::default(), start, Seed(1))?;
 /// let laser = Laser::new(LaserParams::default(), Seed(2))?;
-/// let mut robot = Simulator2d::new(GridWorld::new(&map), vehicle, Body::circle(0.2)?, laser, dt)?;
+/// let mut robot = Simulator2d::new(GridWorld::new(&map), vehicle, Body::circle(0.2)?, dt)?.with_laser(laser, 1)?;
 /// let mut motion = Motion::REST;
 /// let arrived = (0..1000).any(|_| {
 ///     let seen = robot.step(&motion.twist).unwrap();
-///     let step = navigator.cycle(&seen.odometry, seen.scan, motion, dt).unwrap();
+///     let step = navigator.cycle(&seen.odometry, seen.scan(), motion, dt).unwrap();
 ///     let command = step.command.unwrap();
 ///     motion = command.motion;
 ///     command.status == TrackStatus::Arrived
@@ -113,12 +113,7 @@ impl Navigator {
     /// # Errors
     /// [`LocalizationError::NotInitialized`] before [`start`](Self::start), and what the planner or the tracker refuses.
     pub fn go_to(&mut self, goal: &Se2) -> Result<PlanOutcome, Error> {
-        let estimate = self.localizer.estimate();
-        // Before its first belief a localizer says that its variances are infinite.
-        if estimate.covariance.iter().any(|v| !v.is_finite()) {
-            return Err(LocalizationError::NotInitialized.into());
-        }
-        let start = estimate.map_from_base;
+        let start = *self.known()?.map_from_base();
         let mut path = Path::new();
         let outcome = self.planner.plan_into(&self.costmap, &start, goal, &mut path)?;
         if let PlanOutcome::Found { .. } = outcome {
@@ -143,9 +138,9 @@ impl Navigator {
     ) -> Result<NavigationStep, Error> {
         self.localizer.predict(odometry)?;
         let correction = scan.map(|scan| self.localizer.update(scan)).transpose()?;
-        let estimate = self.localizer.estimate();
+        let estimate = self.known()?;
         let Motion { twist, steering } = motion;
-        let state = VehicleState { map_from_base: estimate.map_from_base, twist, steering };
+        let state = VehicleState { map_from_base: *estimate.map_from_base(), twist, steering };
         // Without a path there is nothing to track, and the localizer has moved already.
         let command = match self.tracker.command(&state, &self.limits, dt) {
             Err(TrackError::NoPath) => None,
@@ -159,9 +154,18 @@ impl Navigator {
         &self.path
     }
 
-    /// Where the vehicle is.
-    pub fn estimate(&self) -> PoseEstimate<Se2> {
+    /// Where the vehicle is; none before [`start`](Self::start).
+    pub fn estimate(&self) -> Option<PoseEstimate<Se2>> {
         self.localizer.estimate()
+    }
+
+    fn known(&self) -> Result<PoseEstimate<Se2>, LocalizationError> {
+        self.localizer.estimate().ok_or(LocalizationError::NotInitialized)
+    }
+
+    /// How far that can be trusted.
+    pub fn status(&self) -> LocalizationStatus {
+        self.localizer.status()
     }
 
     /// Replaces what the planner sees, from the next [`go_to`](Self::go_to) on; the path that is followed stays.

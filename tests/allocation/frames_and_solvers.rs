@@ -4,9 +4,11 @@ use crate::counter;
 use agv_nav::core::{
     frames::{FrameTree, FrameTreeParams, Insertion},
     geometry::{LieGroup, Se2},
-    nalgebra::{Vector1, Vector2, Vector3},
+    nalgebra::{RowVector2, Vector1, Vector2, Vector3},
     solve::{
-        BandedCholesky, BandedMatrix, LeastSquares, LevenbergMarquardt, LevenbergMarquardtParams, NormalEquations,
+        BandedCholesky, BandedMatrix, BandedNormalEquations, LeastSquares, LeastSquaresWorkspace, LevenbergMarquardt,
+        LevenbergMarquardtParams, NormalEquations, NormalSystem, QuadraticParams, QuadraticSolver, QuadraticVectors,
+        RobustKernel, StructuredLeastSquares,
     },
     time::Stamp,
 };
@@ -61,6 +63,40 @@ fn banded_cholesky() {
     }
 }
 
+#[test]
+fn quadratic_programme() {
+    // A chain of ten unknowns, pulled further than its limits let it go.
+    let (mut hessian, mut rows) = ([0.0; 100], [0.0; 50]);
+    for i in 0..10 {
+        hessian[11 * i] = 2.5;
+        if i > 0 {
+            hessian[11 * i - 1] = -1.0;
+        }
+        rows[5 * i] = 1.0;
+    }
+    let mut solver = QuadraticSolver::new(10, 5, QuadraticParams::default()).unwrap();
+    let (mut iterations, mut gradient) = (0, [0.0; 10]);
+    // From the very first call.
+    let count = counter::count(|| {
+        for pull in [1.0, -3.0, 8.0, 2.0] {
+            (0..10).for_each(|i| gradient[i] = pull * (i as f64 - 4.0));
+            solver.set_matrices(&hessian, &rows).unwrap();
+            let vectors = QuadraticVectors {
+                gradient: &gradient,
+                lower: &[-1.0; 10],
+                upper: &[1.0; 10],
+                row_lower: &[-0.5; 5],
+                row_upper: &[0.5; 5],
+            };
+            let outcome = solver.solve(&vectors).unwrap();
+            assert!(outcome.solved(), "{outcome:?}");
+            iterations += outcome.iterations;
+        }
+    });
+    assert_eq!(count, 0);
+    assert!(iterations > 10, "{iterations}");
+}
+
 /// The pose from which landmarks are seen where they are.
 struct Resection([Vector2<f64>; 4]);
 
@@ -105,4 +141,45 @@ fn levenberg_marquardt() {
     // The smallest problem has the smallest matrices: none of them may be on the heap either.
     let mut normal = NormalEquations::<1>::zeros();
     assert_eq!(counter::count(|| normal.add(&Vector1::new(1.0), &Vector1::new(2.0), 1.0)), 0);
+}
+
+/// A chain whose links are one long, seen at one end with an outlier.
+struct Chain;
+
+impl StructuredLeastSquares<BandedNormalEquations> for Chain {
+    type State = Vec<f64>;
+
+    fn linearize(&mut self, chain: &Vec<f64>, system: &mut BandedNormalEquations) {
+        let kernel = RobustKernel::Cauchy { scale: 1.0 };
+        system.add_robust_at(&[0], &Vector1::new(chain[0] - 5.0), &Vector1::new(1.0), 1.0, kernel);
+        for (i, pair) in chain.windows(2).enumerate() {
+            let jacobian = RowVector2::new(-2.0 * pair[0], 2.0 * pair[1]);
+            system.add_at(&[i, i + 1], &Vector1::new(pair[1].powi(2) - pair[0].powi(2) - 1.0), &jacobian, 1.0);
+        }
+    }
+
+    fn cost(&mut self, chain: &Vec<f64>) -> f64 {
+        let links: f64 = chain.windows(2).map(|p| (p[1].powi(2) - p[0].powi(2) - 1.0).powi(2)).sum();
+        0.5 * (RobustKernel::Cauchy { scale: 1.0 }.loss((chain[0] - 5.0).powi(2)) + links)
+    }
+
+    fn retract_into(&self, chain: &Vec<f64>, step: &[f64], trial: &mut Vec<f64>) {
+        trial.clone_from(chain);
+        trial.iter_mut().zip(step).for_each(|(x, step)| *x += step);
+    }
+}
+
+#[test]
+fn structured_levenberg_marquardt() {
+    let solver = LevenbergMarquardt::new(LevenbergMarquardtParams::default()).unwrap();
+    let mut workspace = LeastSquaresWorkspace::new(BandedNormalEquations::new(40, 1), vec![0.0; 40]);
+    let mut chain = vec![1.0; 40];
+    let mut run = |shift: f64| {
+        workspace.system.reset(40, 1);
+        chain.fill(4.0 + shift);
+        let found = solver.minimize_structured(&mut Chain, &mut chain, &mut workspace).unwrap();
+        assert!(found.termination.converged() && found.iterations > 2 && (chain[39] - 8.0).abs() < 1e-6);
+    };
+    run(0.0);
+    assert_eq!(counter::count(|| (1..5).for_each(|k| run(0.1 * f64::from(k)))), 0);
 }

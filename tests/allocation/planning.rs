@@ -8,7 +8,10 @@ use agv_nav::core::{
     roles::{GlobalPlanner, PlanOutcome},
 };
 use agv_nav::plan::{
-    grid::{AStar, AStarParams, Components, Connectivity, Dijkstra, DijkstraParams, GridParams, GridSpace, Potential},
+    grid::{
+        AStar, AStarParams, Bidirectional, Components, Connectivity, Dijkstra, GridParams, GridPlannerParams,
+        GridSpace, Jps, LazyThetaStar, Potential, ThetaStar,
+    },
     smooth::{KeyNodes, KeyNodesParams},
 };
 
@@ -33,10 +36,18 @@ fn grids() -> impl Iterator<Item = GridParams> {
 fn grid_planners() {
     let costmaps = costmaps();
     for grid in grids() {
-        let planners: [Box<dyn GlobalPlanner>; 2] = [
-            Box::new(AStar::new(AStarParams { grid, ..Default::default() }).unwrap()),
-            Box::new(Dijkstra::new(DijkstraParams { grid, ..Default::default() }).unwrap()),
+        let (guided, params) =
+            (AStarParams { grid, ..Default::default() }, GridPlannerParams { grid, ..Default::default() });
+        let mut planners: Vec<Box<dyn GlobalPlanner>> = vec![
+            Box::new(AStar::new(guided).unwrap()),
+            Box::new(Dijkstra::new(params).unwrap()),
+            Box::new(Bidirectional::new(guided).unwrap()),
         ];
+        if grid.cost_weight == 0.0 {
+            planners.push(Box::new(Jps::new(params).unwrap()));
+            planners.push(Box::new(ThetaStar::new(params).unwrap()));
+            planners.push(Box::new(LazyThetaStar::new(params).unwrap()));
+        }
         for mut planner in planners {
             let mut path = Path::new();
             let mut run = |costmap: &Costmap, start: &Se2, goal: &Se2| {
@@ -67,7 +78,7 @@ fn potential_and_components() {
             space.update(costmap);
             let goal = space.node(Cell::new(150, 90)).unwrap();
             potential.compute(&space, goal).unwrap();
-            components.compute(&space);
+            space.components_into(&mut components);
             assert!(potential.distance(space.node(Cell::new(12, 12)).unwrap()).is_some());
         };
         costmaps.iter().for_each(&mut run);

@@ -131,10 +131,10 @@ fn wheel_odometry() {
     let count = counter::count(|| {
         for k in 0..50 {
             let stamp = Stamp::from_seconds(0.1 * k as f64);
-            if let Some(motion) = two.update(stamp, [300 * k, 310 * k], 0.0).unwrap() {
+            if let Some(motion) = two.update(stamp, [300 * k, 310 * k], []).unwrap() {
                 odom_from_base = odom_from_base * motion.start_from_end;
             }
-            four.update(stamp, [300 * k, 310 * k, 300 * k, 310 * k], 0.0).unwrap();
+            four.update(stamp, [300 * k, 310 * k, 300 * k, 310 * k], []).unwrap();
         }
     });
     assert_eq!(count, 0);

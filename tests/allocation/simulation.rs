@@ -5,11 +5,13 @@ use agv_nav::core::{
     compute::Seed,
     geometry::{Se2, Se3, So3, Twist2, Twist3},
     nalgebra::{Vector2, Vector3},
+    sensors::{ScanGeometry, SensorId},
     time::Stamp,
 };
 use agv_sim::{
-    Body, Factory, FactoryParams, GridWorld, KeyFrame, Laser, LaserParams, Lidar, LidarParams, MovingDisc, MovingDiscs,
-    PlanarWorld, Shape, Simulator2d, Vehicle, VehicleParams, World2d,
+    Body, Factory, FactoryParams, FloorCamera, FloorCameraParams, FloorCode, FrontCamera, FrontCameraParams, GridWorld,
+    Imu, ImuParams, KeyFrame, Landmark, Laser, LaserParams, Lidar, LidarParams, MovingDisc, MovingDiscs, PlanarWorld,
+    Shape, Simulator2d, Simulator3d, Vehicle, VehicleParams, WheelEncoders, WheelEncodersParams, World2d,
 };
 
 fn shapes() -> World2d {
@@ -52,16 +54,48 @@ fn lidar() {
 fn planar_simulator() {
     let vehicle = Vehicle::new(VehicleParams::default(), Se2::new(2.0, 2.0, 0.0), Seed(1)).unwrap();
     let laser = Laser::new(LaserParams::default().with_beams(181, 3.0), Seed(2)).unwrap();
+    let rear = ScanGeometry { sensor: SensorId(1), ..Default::default() };
+    let rear = Laser::new(LaserParams { geometry: rear, ..Default::default() }, Seed(2)).unwrap();
+    let codes = FloorCode::lattice(Se2::new(2.0, 2.0, 0.0), 9, 9, 0.1).unwrap();
+    let landmark = Landmark { id: 1, position: Vector2::new(7.9, 2.5) };
     let frames = [(0.0, 6.0), (10.0, 3.0)].map(|(time, x)| KeyFrame { time, position: Vector2::new(x, 4.0) });
     let moving = MovingDiscs::new(vec![MovingDisc::new(0.3, 20.0, frames.to_vec()).unwrap()]);
-    let body = Body::rectangle(0.5, 0.3).unwrap();
-    let mut simulator = Simulator2d::new(shapes(), vehicle, body, laser, 0.05).unwrap().with_moving(moving);
+    let mut simulator = Simulator2d::new(shapes(), vehicle, Body::rectangle(0.5, 0.3).unwrap(), 0.05)
+        .and_then(|s| s.with_laser(laser, 1)?.with_laser(rear, 3))
+        .and_then(|s| s.with_imu(Imu::new(ImuParams::default(), Seed(3))?, 1))
+        .and_then(|s| s.with_encoders(WheelEncoders::new(WheelEncodersParams::default(), Seed(4))?, 1))
+        .and_then(|s| s.with_floor_camera(FloorCamera::new(FloorCameraParams::default(), codes, Seed(5))?, 2))
+        .and_then(|s| s.with_front_camera(FrontCamera::new(FrontCameraParams::default(), vec![landmark], Seed(6))?, 2))
+        .unwrap()
+        .with_moving(moving);
     let mut run = |steps: i32| {
         for _ in 0..steps {
-            assert!(simulator.step(&Twist2::new(0.4, 0.0, 0.4)).unwrap().scan.is_some());
+            let seen = simulator.step(&Twist2::new(0.4, 0.0, 0.4)).unwrap();
+            assert!(seen.scan().is_some() && seen.imu_samples().count() == 1 && seen.wheel_readings().count() == 1);
+            assert!(seen.markers().flatten().count() + seen.landmarks().flatten().count() < 99);
         }
         simulator.look().unwrap();
     };
     run(1);
     assert_eq!(counter::count(|| run(40)), 0);
+}
+
+#[test]
+fn spatial_simulator() {
+    let factory = Factory::generate(FactoryParams::default(), Seed(3)).unwrap();
+    let vehicle = Vehicle::new(VehicleParams::default(), factory.aisles()[0], Seed(1)).unwrap();
+    let mount = Se3::from_parts(Vector3::new(0.0, 0.0, 1.2), So3::default());
+    let lidar = Lidar::new(LidarParams { columns: 100, ..LidarParams::vlp16().with_mount(mount) }, Seed(4)).unwrap();
+    let mut simulator = Simulator3d::new(factory.world(), vehicle, 0.02)
+        .and_then(|s| s.with_lidar(lidar)?.with_imu(Imu::new(ImuParams::default(), Seed(3))?, 1))
+        .unwrap();
+    let mut run = |steps: i32| {
+        let mut clouds = 0;
+        for _ in 0..steps {
+            clouds += simulator.step(&Twist2::new(0.4, 0.0, 0.1)).unwrap().clouds().count();
+        }
+        clouds
+    };
+    run(11);
+    assert_eq!(counter::count(|| assert_eq!(run(20), 4)), 0);
 }

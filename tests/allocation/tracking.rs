@@ -3,6 +3,8 @@
 use crate::counter;
 use agv_nav::control::{
     pid::{Pid, PidParams},
+    plant::StandIn,
+    step_response::{PidGains, StepFigures, StepResponse, simulate_step},
     track::{PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams},
 };
 use agv_nav::core::{
@@ -21,6 +23,23 @@ fn pid() {
             pid.update(1.0, 0.01 * f64::from(k), 0.01).unwrap();
         }
         pid.reset();
+    });
+    assert_eq!(count, 0);
+}
+
+#[test]
+fn plants_and_step_tests() {
+    let mut late = StandIn::P3.plant().unwrap().with_dead_time(0.155).unwrap();
+    let mut pid = Pid::new(PidParams { output_max: 1.0, output_min: -1.0, ..Default::default() }).unwrap();
+    let mut response = StepResponse::default();
+    let test = StandIn::P1.step_test().unwrap();
+    let gains = [PidGains { proportional: 1.0, integral: 0.2, derivative: 0.1 }; 20];
+    let (mut costs, mut figures) = ([0.0; 20], [StepFigures::default(); 20]);
+    simulate_step(&mut late, &mut pid, 1.0, 0.01, 2.0, &mut response).unwrap();
+    let count = counter::count(|| {
+        simulate_step(&mut late, &mut pid, 1.0, 0.01, 2.0, &mut response).unwrap();
+        test.cost_batch(&gains, &mut costs).unwrap();
+        test.figures_batch(&gains, &mut figures).unwrap();
     });
     assert_eq!(count, 0);
 }

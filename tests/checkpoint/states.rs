@@ -1,7 +1,7 @@
 //! What changes as it runs and is no map: controllers, odometry, random streams; and the small values between the parts.
 
 use crate::table::{assert_kept, assert_refused, restored};
-use agv_nav::control::pid::{AntiWindup, Pid, PidParams};
+use agv_nav::control::pid::{AntiWindup, Pid, PidParams, VelocityPid};
 use agv_nav::core::{
     compute::{Par, Seed},
     geometry::{LieGroup, Se2, Se3, So3, Twist2, UncertainPose},
@@ -50,6 +50,23 @@ fn controllers_go_on_with_the_same_bits() {
 }
 
 #[test]
+fn a_velocity_form_goes_on_with_the_same_bits() {
+    let mut pid = VelocityPid::new(full()).unwrap();
+    for k in 0..7 {
+        pid.update(1.0, 0.1 * f64::from(k), 0.013).unwrap();
+        let mut again = restored(&pid);
+        assert_eq!(again, pid);
+        let outputs = [&mut pid, &mut again].map(|p| p.update(0.9, 0.25, 0.02).unwrap().to_bits());
+        assert_eq!(outputs[0], outputs[1]);
+    }
+    assert_refused(
+        "VelocityPid",
+        &pid,
+        &[("/output", json!(5.0)), ("/rate", json!(null)), ("/last/1", json!(null)), ("/params/integral", json!(0.0))],
+    );
+}
+
+#[test]
 fn odometry_goes_on_with_the_same_bits() {
     let mut accumulator = OdometryAccumulator::default();
     accumulator.push(&increment(0.0)).unwrap();
@@ -95,10 +112,11 @@ fn values_between_the_parts_come_back() {
     let spatial = Se3::from_parts(Vector3::new(0.1, -0.0, 1e-300), So3::from_roll_pitch_yaw(0.3, 1.2, -3.0));
     assert_kept("Se3", &spatial);
     assert_kept("UncertainPose", &UncertainPose::new(pose, covariance).unwrap());
-    assert_kept("PoseEstimate", &PoseEstimate::new(pose, covariance));
+    let uncertain = UncertainPose::new(pose, covariance).unwrap();
+    assert_kept("PoseEstimate", &PoseEstimate::new(uncertain));
     let stamp = Some(Stamp::from_nanoseconds(i64::MAX));
-    assert_kept("PoseEstimate", &PoseEstimate { stamp, ..PoseEstimate::new(pose, covariance) });
-    assert_kept("PoseBelief", &PoseBelief::around(pose, covariance));
+    assert_kept("PoseEstimate", &PoseEstimate { stamp, ..PoseEstimate::new(uncertain) });
+    assert_kept("PoseBelief", &PoseBelief::Around(uncertain));
     assert_kept("PoseBelief", &PoseBelief::<Se2>::Anywhere);
     assert_kept("OdometryIncrement", &increment(0.1));
     assert_kept(
@@ -118,7 +136,7 @@ fn spoilt_states_are_refused() {
         &pid(full()),
         &[
             ("/integral", json!(null)),
-            ("/last/0", json!(null)),
+            ("/last/measurement", json!(null)),
             ("/params/proportional", json!(null)),
             ("/params/filter_time", json!(-1.0)),
             ("/params/output_rate", json!(0.0)),

@@ -42,14 +42,14 @@ pub(crate) fn scan_filter(particles: usize, par: Par) -> ScanFilter {
     let sensor = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default()).unwrap();
     let motion = DifferentialOdometryModel::new(OdometryNoise::default()).unwrap();
     let params = MclParams { particles, ..Default::default() };
-    let free_space = FreeSpace::new(&map).unwrap();
+    let free_space = FreeSpace::new(&map, 0.2).unwrap();
     Mcl::new(motion, sensor, free_space, params, Seed(7)).unwrap().with_parallelism(par)
 }
 
 /// The same with a belief around the start of [`circle`].
 pub(crate) fn initialized(particles: usize, par: Par) -> ScanFilter {
     let mut filter = scan_filter(particles, par);
-    filter.initialize(&PoseBelief::around(start(), Matrix3::identity() * 0.04)).unwrap();
+    filter.initialize(&PoseBelief::around(start(), Matrix3::identity() * 0.04).unwrap()).unwrap();
     filter
 }
 
@@ -67,11 +67,11 @@ pub(crate) fn localize(filter: &mut ScanFilter, steps: &[(OdometryIncrement, Las
 
 /// Particles, weights and estimate of a filter.
 pub(crate) fn filter_bits(filter: &ScanFilter) -> Vec<u64> {
-    let estimate = filter.estimate();
+    let estimate = filter.estimate().unwrap();
     let pose = |p: &Se2| [p.x(), p.y(), p.rotation().cos(), p.rotation().sin()];
-    let particles = filter.particles().poses().iter().flat_map(pose);
+    let particles = filter.particles().states().iter().flat_map(pose);
     let weights = filter.particles().weights().iter().chain(filter.particles().log_weights()).copied();
-    let mean = pose(&estimate.map_from_base).into_iter().chain(estimate.covariance.iter().copied());
+    let mean = pose(estimate.map_from_base()).into_iter().chain(estimate.covariance().iter().copied());
     particles.chain(weights).chain(mean).map(f64::to_bits).collect()
 }
 

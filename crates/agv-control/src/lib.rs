@@ -1,7 +1,10 @@
 //! How do I get there: controllers, their tuning, and path trackers.
 //!
 //! # Overview
-//! - [`pid`]: a discrete PID controller, the [`Controller`](agv_core::roles::Controller) role.
+//! - [`pid`]: discrete PID controllers, the [`Controller`](agv_core::roles::Controller) role.
+//! - [`plant`]: what a controller drives, as models: transfer functions, the AGV's own, the stand-ins of the papers.
+//! - [`step_response`]: how well a loop follows a step, and what a tuner minimises.
+//! - [`margin`]: how far a loop is from instability.
 //! - [`track`]: path trackers, the [`PathTracker`](agv_core::roles::PathTracker) role. A tracker is a
 //!   [`Follower`](track::Follower), which knows the path, the progress and the speed, and a
 //!   [`Steering`](track::Steering) law, which knows how to turn.
@@ -33,5 +36,11 @@
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod error;
+pub mod margin;
 pub mod pid;
+pub mod plant;
+pub mod step_response;
 pub mod track;
+
+pub use error::Error;

@@ -5,8 +5,8 @@ use agv_core::{
     geometry::{LieGroup, Se2},
     grid::{Cell, CellState, Grid, GridLayout, LikelihoodField, LikelihoodFieldParams},
     odometry::OdometryIncrement,
-    roles::{Correct, UpdateOutcome, laws},
-    sensors::{LaserScan, ScanGeometry},
+    roles::{Correct, SkipReason, UpdateOutcome, laws},
+    sensors::{LaserScan, ScanGeometry, SensorId},
     time::Stamp,
 };
 use agv_filters::particle::{
@@ -32,12 +32,16 @@ fn filter(par: Par) -> Mcl<DifferentialOdometryModel, LikelihoodFieldModel> {
     let field = LikelihoodField::new(&map, LikelihoodFieldParams::default()).unwrap();
     let sensor = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default()).unwrap();
     let motion = DifferentialOdometryModel::new(OdometryNoise::default()).unwrap();
-    let free_space = FreeSpace::new(&map).unwrap();
+    let free_space = FreeSpace::new(&map, 0.2).unwrap();
     Mcl::new(motion, sensor, free_space, MclParams::default(), Seed(11)).unwrap().with_parallelism(par)
 }
 
 fn scan(ranges: Vec<f32>) -> LaserScan {
-    let geometry = ScanGeometry { angle_min: -1.5, angle_increment: 3.0 / 90.0, ..Default::default() };
+    scan_of(SensorId::default(), ranges)
+}
+
+fn scan_of(sensor: SensorId, ranges: Vec<f32>) -> LaserScan {
+    let geometry = ScanGeometry { angle_min: -1.5, angle_increment: 3.0 / 90.0, sensor, ..Default::default() };
     LaserScan::new(Stamp::default(), geometry, ranges).unwrap()
 }
 
@@ -60,7 +64,12 @@ fn the_filter_keeps_the_laws_of_its_roles() {
                 assert_eq!(laws::correct(&mut mcl, &scan(nothing)), Ok(()), "{start:?}");
             }
             // Skipped scans leave it fit for the next one.
-            assert!(matches!(mcl.update(&scan(vec![1.5; 91])), Ok(UpdateOutcome::Applied(_))));
+            let lasers = [0, 1].map(|sensor| scan_of(SensorId(sensor), vec![1.5; 91]));
+            assert_eq!(laws::two_sensors(&mut mcl, &lasers[0], &lasers[1]), Ok(()), "{start:?}");
+            for laser in &lasers {
+                let again = mcl.update(laser);
+                assert_eq!(again, Ok(UpdateOutcome::Skipped(SkipReason::LittleMotion)), "{start:?}");
+            }
         }
     }
 }

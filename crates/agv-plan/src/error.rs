@@ -13,6 +13,14 @@ pub enum Error {
         /// Its name.
         heuristic: &'static str,
     },
+    /// The planner knows lengths only, not costs of cells.
+    #[error("{planner} takes no cost weight, got {cost_weight}")]
+    UniformCostsOnly {
+        /// Its name.
+        planner: &'static str,
+        /// What was given.
+        cost_weight: f64,
+    },
     /// A node index is not one of the search space.
     #[error("node {node} does not belong to a space of {len} nodes")]
     NoSuchNode {

@@ -6,8 +6,8 @@ use agv_core::path::Path;
 use agv_core::roles::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome};
 use agv_plan::Error;
 use agv_plan::grid::{
-    AStar, AStarParams, Connectivity, Dijkstra, DijkstraParams, GridHeuristic, GridParams, GridSpace, Limits, Octile,
-    Offset, SearchEnd, UnknownCells, Workspace,
+    AStar, AStarParams, Bidirectional, Connectivity, Dijkstra, GridHeuristic, GridParams, GridPlannerParams, GridSpace,
+    Jps, LazyThetaStar, Limits, Octile, Offset, SearchEnd, ThetaStar, UnknownCells, Workspace,
 };
 
 /// A room of 40 x 30 cells of 0.1 m, parted by a wall of column 20.
@@ -69,6 +69,80 @@ fn tolerances_move_start_and_goal_to_where_the_vehicle_can_stand() {
     assert_eq!(reason(&plan(params, (0.55, 1.05), (2.25, 1.05)).0), Some(NoPathReason::Disconnected));
 }
 
+fn all_planners(params: GridPlannerParams) -> Vec<(&'static str, Box<dyn GlobalPlanner>)> {
+    let GridPlannerParams { grid, start_tolerance, goal_tolerance, max_expansions } = params;
+    let guided = |heuristic| AStarParams { grid, heuristic, start_tolerance, goal_tolerance, max_expansions };
+    let both_ends = |heuristic| Bidirectional::new(guided(heuristic)).unwrap();
+    vec![
+        ("A*", Box::new(AStar::new(guided(GridHeuristic::Exact)).unwrap())),
+        ("Dijkstra", Box::new(Dijkstra::new(params).unwrap())),
+        ("bidirectional A*", Box::new(both_ends(GridHeuristic::Exact))),
+        ("bidirectional Dijkstra", Box::new(both_ends(GridHeuristic::Zero))),
+        ("JPS", Box::new(Jps::new(params).unwrap())),
+        ("Theta*", Box::new(ThetaStar::new(params).unwrap())),
+        ("Lazy Theta*", Box::new(LazyThetaStar::new(params).unwrap())),
+    ]
+}
+
+#[test]
+fn every_planner_ends_within_the_goal_tolerance_or_says_why_not() {
+    let (start, beyond, beside) = (Se2::new(0.55, 1.05, 0.5), Se2::new(2.15, 1.05, 0.0), Se2::new(2.02, 1.45, 0.0));
+    let tolerant = GridPlannerParams { start_tolerance: 0.3, goal_tolerance: 0.25, ..Default::default() };
+    let mut path = Path::new();
+    for (name, mut planner) in all_planners(tolerant) {
+        for (from, to, end) in [(&start, &beyond, 1.95), (&start, &beside, 1.95), (&beside, &start, 0.55)] {
+            // Twice: what the first query left is forgotten.
+            for _ in 0..2 {
+                let outcome = planner.plan_into(&parted(), from, to, &mut path);
+                assert!(matches!(outcome, Ok(PlanOutcome::Found { .. })), "{name}: {outcome:?}");
+                assert_eq!(path.points()[0].pose, *from, "{name}");
+                assert!((path.points()[path.len() - 1].pose.x() - end).abs() < 1e-9, "{name}: {path:?}");
+            }
+        }
+    }
+    for (name, mut planner) in all_planners(GridPlannerParams::default()) {
+        let outcome = planner.plan_into(&parted(), &start, &beyond, &mut path);
+        assert_eq!(reason(&outcome), Some(NoPathReason::Disconnected), "{name}");
+        assert!(path.is_empty(), "{name}");
+    }
+}
+
+#[test]
+fn every_planner_leaves_the_best_path_so_far() {
+    let (start, goal) = (Se2::new(0.15, 0.15, 0.0), Se2::new(3.95, 2.85, 0.0));
+    let mut map = parted();
+    map.set(Cell::new(20, 0), cost::FREE);
+    let mut path = Path::new();
+    for budget in [0, 1, 2, 3] {
+        for (name, mut planner) in all_planners(GridPlannerParams { max_expansions: budget, ..Default::default() }) {
+            let outcome = planner.plan_into(&map, &start, &goal, &mut path).unwrap();
+            assert_eq!(outcome, PlanOutcome::NoPath { reason: NoPathReason::Budget, expansions: budget }, "{name}");
+            assert_eq!(path.points()[0].pose.translation(), start.translation(), "{name}");
+        }
+    }
+    for (name, mut planner) in all_planners(GridPlannerParams::default()) {
+        let outcome = planner.plan_into(&map, &start, &goal, &mut path);
+        assert!(matches!(outcome, Ok(PlanOutcome::Found { .. })), "{name}: {outcome:?}");
+    }
+}
+
+#[test]
+fn planners_of_lengths_take_no_cost_weight() {
+    let params =
+        GridPlannerParams { grid: GridParams { cost_weight: 1.0, ..Default::default() }, ..Default::default() };
+    let said = |error: Option<Error>| matches!(error, Some(Error::UniformCostsOnly { cost_weight: 1.0, .. }));
+    assert!(
+        said(Jps::new(params).err()) && said(ThetaStar::new(params).err()) && said(LazyThetaStar::new(params).err())
+    );
+    for bad in [-1.0, f64::NAN] {
+        let params = GridPlannerParams { goal_tolerance: bad, ..Default::default() };
+        assert!(Jps::new(params).is_err() && ThetaStar::new(params).is_err() && LazyThetaStar::new(params).is_err());
+        assert!(Bidirectional::new(AStarParams { start_tolerance: bad, ..Default::default() }).is_err());
+    }
+    let manhattan = AStarParams { heuristic: GridHeuristic::Manhattan, ..Default::default() };
+    assert!(Bidirectional::new(manhattan).is_err());
+}
+
 #[test]
 fn a_budget_ends_with_the_best_path_so_far() {
     let (start, goal) = ((0.15, 0.15), (1.85, 2.85));
@@ -100,7 +174,7 @@ fn a_budget_ends_with_the_best_path_so_far() {
 fn a_callback_cancels() {
     let layout = GridLayout::new(300, 300, 0.1, Se2::default()).unwrap();
     let costmap = Costmap::from_costs(Grid::filled(layout, cost::FREE));
-    let mut planner = Dijkstra::new(DijkstraParams::default()).unwrap();
+    let mut planner = Dijkstra::new(GridPlannerParams::default()).unwrap();
     let (start, goal, mut path) = (Se2::new(15.0, 15.0, 0.0), Se2::new(29.0, 29.0, 0.0), Path::new());
     let mut asked = 0;
     let mut cancel = || {
@@ -142,7 +216,7 @@ fn bad_parameters_are_refused() {
     for bad in [-1.0, f64::NAN, f64::INFINITY] {
         assert!(AStar::new(AStarParams { start_tolerance: bad, ..Default::default() }).is_err());
         assert!(AStar::new(AStarParams { goal_tolerance: bad, ..Default::default() }).is_err());
-        assert!(Dijkstra::new(DijkstraParams { goal_tolerance: bad, ..Default::default() }).is_err());
+        assert!(Dijkstra::new(GridPlannerParams { goal_tolerance: bad, ..Default::default() }).is_err());
     }
     for cost_weight in [-0.1, 50.1, f64::NAN, f64::INFINITY] {
         assert!(GridSpace::new(GridParams { cost_weight, ..Default::default() }).is_err());

@@ -5,7 +5,10 @@ use agv_core::geometry::Se2;
 use agv_core::grid::{Cell, Costmap, Grid, GridLayout, cost};
 use agv_core::nalgebra::Vector2;
 use agv_core::roles::{GlobalPlanner, laws};
-use agv_plan::grid::{AStar, AStarParams, Connectivity, Dijkstra, DijkstraParams, GridHeuristic, GridParams};
+use agv_plan::grid::{
+    AStar, AStarParams, Bidirectional, Connectivity, Dijkstra, GridHeuristic, GridParams, GridPlannerParams, Jps,
+    LazyThetaStar, ThetaStar,
+};
 use rand_distr::{Bernoulli, Distribution, Uniform};
 
 /// Walls across the map with a door each, clutter between them, and a cost in every free cell.
@@ -43,7 +46,7 @@ fn pose(costmap: &Costmap, x: f64, y: f64) -> Se2 {
 }
 
 #[test]
-fn a_star_and_dijkstra_keep_the_laws() {
+fn planners_keep_the_laws() {
     for seed in 0..10 {
         let costmap = walled(seed);
         let (start, goal) = (pose(&costmap, 2.3, 2.6), pose(&costmap, 57.5, 37.9));
@@ -51,12 +54,19 @@ fn a_star_and_dijkstra_keep_the_laws() {
             for cost_weight in [0.0, 3.0] {
                 let grid = GridParams { connectivity, cost_weight, ..Default::default() };
                 let mut planners: Vec<Box<dyn GlobalPlanner>> = vec![
-                    Box::new(Dijkstra::new(DijkstraParams { grid, ..Default::default() }).unwrap()),
+                    Box::new(Dijkstra::new(GridPlannerParams { grid, ..Default::default() }).unwrap()),
                     Box::new(AStar::new(AStarParams { grid, ..Default::default() }).unwrap()),
                     Box::new(
                         AStar::new(AStarParams { grid, heuristic: GridHeuristic::Zero, ..Default::default() }).unwrap(),
                     ),
                 ];
+                planners.push(Box::new(Bidirectional::new(AStarParams { grid, ..Default::default() }).unwrap()));
+                if cost_weight == 0.0 {
+                    let params = GridPlannerParams { grid, ..Default::default() };
+                    planners.push(Box::new(Jps::new(params).unwrap()));
+                    planners.push(Box::new(ThetaStar::new(params).unwrap()));
+                    planners.push(Box::new(LazyThetaStar::new(params).unwrap()));
+                }
                 for planner in &mut planners {
                     let verdict = laws::global_planner(planner.as_mut(), &costmap, &start, &goal);
                     assert_eq!(verdict, Ok(()), "seed {seed}, {grid:?}");

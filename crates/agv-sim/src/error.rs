@@ -25,6 +25,14 @@ pub enum Error {
         /// Its value.
         value: f64,
     },
+    /// Two sensors of one kind on one vehicle must have different numbers, or nobody can tell their readings apart.
+    #[error("there is a {kind} with the number of {sensor} already")]
+    SensorTaken {
+        /// What kind of sensor it is.
+        kind: &'static str,
+        /// Its number.
+        sensor: agv_core::sensors::SensorId,
+    },
     /// The hall is too small for what should stand in it.
     #[error("{name} needs {needed} m, the hall leaves {available} m")]
     NoRoom {

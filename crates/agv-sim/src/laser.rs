@@ -3,7 +3,7 @@
 //! Each beam leaves from where the scanner is at its own time, so that a moving scanner bends its scan as a real one
 //! does. A reading is `r + N(0, σ² + (κ r)²)`; a beam that meets nothing, or is lost, reads as the driver writes it.
 
-use crate::noise::{happens, normal};
+use crate::noise::{Part, happens, normal, own_seed};
 use crate::{Error, PlanarWorld};
 use agv_core::{
     check,
@@ -137,7 +137,8 @@ pub struct Laser {
 }
 
 impl Laser {
-    /// A scanner with its own source of randomness.
+    /// A scanner with its own source of randomness: the seed together with the kind of sensor and its
+    /// [`SensorId`](agv_core::sensors::SensorId), so that one seed may serve a whole vehicle.
     ///
     /// # Errors
     /// The first parameter that is out of its range.
@@ -150,7 +151,7 @@ impl Laser {
             .map(|rotation| Vector2::new(rotation.cos(), rotation.sin()));
         Ok(Self {
             params,
-            seed,
+            seed: own_seed(seed, Part::Laser, geometry.sensor),
             par: Par::Seq,
             step: 0,
             directions: directions.collect(),
@@ -169,6 +170,11 @@ impl Laser {
     /// What the scanner is like.
     pub const fn params(&self) -> &LaserParams {
         &self.params
+    }
+
+    /// The scan taken last; empty before the first.
+    pub const fn last(&self) -> &LaserScan {
+        &self.scan
     }
 
     /// The scan whose first beam is taken at `stamp` with the base at `map_from_base`, moving at `twist`.

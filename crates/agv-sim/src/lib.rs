@@ -4,9 +4,12 @@
 //!   for contact and clearance; [`MovingDiscs`] along key frames.
 //! - **Spatial**: [`World3d`] of boxes, cylinders, ramps and planes, a generated [`Factory`], scanned by a [`Lidar`]; its
 //!   sections are planar worlds and maps, so that 2D and 3D see one hall.
-//! - **Vehicle**: a [`Vehicle`] with lagging drives, slip and noisy odometry, an [`Imu`], a [`FloorCamera`] over QR codes
-//!   and a [`FrontCamera`] towards landmarks.
-//! - [`Simulator2d`] puts world, vehicle and laser together, one step at a time. Ground truth can be asked of every part.
+//! - **Vehicle**: a [`Vehicle`] of any [`Drive`] with lagging wheels and steering, slip and noisy odometry,
+//!   [`WheelEncoders`], an [`Imu`], a [`FloorCamera`] over QR codes and a [`FrontCamera`] towards landmarks.
+//! - [`Simulator2d`] and [`Simulator3d`] put world, vehicle and any number of sensors together, one step at a time. Ground
+//!   truth can be asked of every part.
+//!
+//! Sensors report the types of [`agv_core::sensors`]; what only a simulator knows stays here.
 //!
 //! Units are metres, seconds and radians; frames follow REP-103, and poses are named `target_from_source`. All
 //! randomness comes from a [`Seed`](agv_core::compute::Seed), keyed by the step: a run can be replayed bit by bit, on
@@ -16,33 +19,46 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod bvh;
-mod camera;
 mod collision;
+mod drive;
+mod encoders;
 mod error;
 mod factory;
+mod floor_camera;
+mod front_camera;
 mod imu;
+mod inertial;
 mod laser;
 mod lidar;
 mod markers;
 mod noise;
 mod obstacles;
 mod odometry_noise;
-mod simulator;
+mod onboard;
+mod simulator2d;
+mod simulator3d;
 mod vehicle;
+mod vehicle_params;
 mod world2d;
 mod world3d;
 
-pub use camera::{FloorCamera, FloorCameraParams, FrontCamera, FrontCameraParams};
 pub use collision::Body;
+pub use drive::{Drive, WheelStates};
+pub use encoders::{WheelEncoders, WheelEncodersParams, WheelReading};
 pub use error::Error;
 pub use factory::{Factory, FactoryParams};
-pub use imu::{GRAVITY, Imu, ImuParams, ImuReading, InertialNoise, InertialTruth};
+pub use floor_camera::{FloorCamera, FloorCameraParams};
+pub use front_camera::{FrontCamera, FrontCameraParams};
+pub use imu::{Imu, ImuParams, InertialNoise};
+pub use inertial::{GRAVITY, InertialTruth};
 pub use laser::{Laser, LaserParams, NoReturnReading};
 pub use lidar::{Lidar, LidarParams};
-pub use markers::{CodeSighting, FloorCode, Landmark, LandmarkSighting};
+pub use markers::{FloorCode, Landmark};
 pub use obstacles::{KeyFrame, MovingDisc, MovingDiscs};
 pub use odometry_noise::OdometryErrors;
-pub use simulator::{Observation, Simulator2d};
-pub use vehicle::{SlipParams, Vehicle, VehicleParams};
+pub use simulator2d::{Observed2d, Simulator2d};
+pub use simulator3d::{CloudTruth, Observed3d, Simulator3d};
+pub use vehicle::{GroundTruth, Vehicle};
+pub use vehicle_params::{SlipParams, VehicleParams};
 pub use world2d::{GridWorld, PlanarWorld, Populated, Shape, World2d};
 pub use world3d::{Fixture, Hit, Solid, World3d};

@@ -5,13 +5,13 @@
 //! sensor frame of that time: a moving sensor bends its cloud as a real one does, and the time of each point lets it be
 //! mended.
 
-use crate::noise::{happens, normal};
+use crate::noise::{Part, happens, normal, own_seed};
 use crate::{Error, World3d};
 use agv_core::{
     check,
     compute::{Par, Seed},
     geometry::{LieGroup, Se3, Twist3},
-    sensors::{LidarReturn, PointCloud},
+    sensors::{BodyMotion, ConstantTwist, LidarReturn, PointCloud, SensorId},
     time::Stamp,
 };
 use nalgebra::Vector3;
@@ -23,6 +23,8 @@ const CHUNK: usize = 16;
 /// What a spinning lidar is like.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LidarParams {
+    /// Which lidar of the vehicle it is.
+    pub sensor: SensorId,
     /// Pose of the sensor on the vehicle.
     pub base_from_sensor: Se3,
     /// Elevation of each line in radians, upwards positive, from the lowest: the place in the list is the ring.
@@ -58,6 +60,7 @@ impl LidarParams {
     /// 16 lines from -15° to 15° every 2°, 1800 columns at 10 Hz, 100 m, 3 cm (Velodyne VLP-16 data sheet).
     pub fn vlp16() -> Self {
         Self {
+            sensor: SensorId::default(),
             base_from_sensor: Se3::default(),
             elevations: fan(16, -15.0, 15.0),
             columns: 1800,
@@ -158,9 +161,11 @@ impl Lidar {
         let azimuths = (0..params.columns).map(|i| unit(TAU * i as f64 / params.columns as f64)).collect();
         let elevations: Vec<_> = params.elevations.iter().map(|&e| unit(e)).collect();
         let returns = vec![LidarReturn::default(); params.columns * elevations.len()];
-        let mut cloud = PointCloud::default().with_mount(params.base_from_sensor)?;
+        let mut cloud = PointCloud::default().with_sensor(params.sensor).with_mount(params.base_from_sensor)?;
         // Makes room for every return, so that no later scan allocates.
         cloud.refill(Stamp::default(), returns.iter().copied());
+        cloud.clear();
+        let seed = own_seed(seed, Part::Lidar, params.sensor);
         Ok(Self { params, seed, par: Par::Seq, step: 0, azimuths, elevations, returns, cloud })
     }
 
@@ -174,6 +179,11 @@ impl Lidar {
     /// What the lidar is like.
     pub const fn params(&self) -> &LidarParams {
         &self.params
+    }
+
+    /// The cloud taken last; empty before the first.
+    pub const fn last(&self) -> &PointCloud {
+        &self.cloud
     }
 
     /// The revolution that begins at `stamp` with the base at `map_from_base`, moving at `twist` (base frame).
@@ -191,20 +201,31 @@ impl Lidar {
         twist: &Twist3,
         stamp: Stamp,
     ) -> Result<&PointCloud, Error> {
+        self.scan_along(world, map_from_base, &ConstantTwist::spatial(stamp, twist)?)
+    }
+
+    /// As [`scan`](Self::scan), along any motion; the revolution begins at the motion's reference time, with the base at
+    /// `map_from_base`.
+    ///
+    /// # Errors
+    /// A pose that is not finite; the sensor's random state is then as it was.
+    pub fn scan_along(
+        &mut self,
+        world: &World3d,
+        map_from_base: &Se3,
+        motion: &(impl BodyMotion<Se3> + Sync),
+    ) -> Result<&PointCloud, Error> {
         check::all_finite("map_from_base", &map_from_base.rotation().matrix())?;
         check::all_finite("map_from_base", map_from_base.translation().iter())?;
-        check::all_finite("twist", twist.linear.iter().chain(twist.angular.iter()))?;
         let (params, seed, step) = (&self.params, self.seed, self.step);
         let (azimuths, elevations) = (self.azimuths.as_slice(), self.elevations.as_slice());
         let lines = elevations.len();
-        let moving = *twist != Twist3::default();
         self.par.for_each_chunk(self.returns.as_mut_slice(), CHUNK * lines, |chunk, returns| {
             let mut stream = seed.stream(step, chunk as u64);
             for (offset, column) in returns.chunks_mut(lines).enumerate() {
                 let index = chunk * CHUNK + offset;
                 let time = params.period * index as f64 / params.columns as f64;
-                let base = if moving { *map_from_base * twist.integrate(time) } else { *map_from_base };
-                let sensor = base * params.base_from_sensor;
+                let sensor = *map_from_base * motion.reference_from_base(time) * params.base_from_sensor;
                 let (origin, rotation) = (sensor.translation(), sensor.rotation().matrix());
                 let (cos_azimuth, sin_azimuth) = azimuths[index];
                 for (ring, (point, (cos, sin))) in column.iter_mut().zip(elevations).enumerate() {
@@ -229,7 +250,7 @@ impl Lidar {
             }
         });
         self.step += 1;
-        self.cloud.refill(stamp, self.returns.iter().filter(|r| r.position.x.is_finite()).copied());
+        self.cloud.refill(motion.reference(), self.returns.iter().filter(|r| r.position.x.is_finite()).copied());
         Ok(&self.cloud)
     }
 }

@@ -1,4 +1,5 @@
-//! Codes and landmarks, and what a camera says of them.
+//! Codes and landmarks as they really lie; cameras report them as [`MarkerObservation`](agv_core::sensors::MarkerObservation)
+//! and [`LandmarkObservation`](agv_core::sensors::LandmarkObservation).
 
 use crate::Error;
 use agv_core::{check, geometry::Se2};
@@ -40,23 +41,6 @@ pub struct Landmark {
     pub position: Vector2<f64>,
 }
 
-/// A code that was seen.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct CodeSighting {
-    /// Number that was read.
-    pub id: u32,
-    /// Measured pose of the code in the base frame, noise included; `map_from_code * base_from_code⁻¹` is where the
-    /// vehicle would be without it.
-    pub base_from_code: Se2,
-}
-
-/// A landmark that was seen.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct LandmarkSighting {
-    /// Number that was recognised.
-    pub id: u32,
-    /// Measured distance from the camera, in metres.
-    pub range: f64,
-    /// Measured direction in the camera frame, in radians, counter-clockwise from the optical axis.
-    pub bearing: f64,
+pub(crate) fn finite_pose(name: &'static str, pose: &Se2) -> Result<(), Error> {
+    Ok(check::all_finite(name, &[pose.x(), pose.y(), pose.yaw()])?)
 }

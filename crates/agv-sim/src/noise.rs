@@ -1,6 +1,7 @@
 //! Draws that every sensor needs.
 
-use agv_core::compute::Stream;
+use agv_core::compute::{Seed, Stream};
+use agv_core::sensors::SensorId;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
@@ -15,4 +16,21 @@ pub(crate) fn normal(sigma: f64, stream: &mut Stream) -> f64 {
 #[inline]
 pub(crate) fn happens(probability: f64, stream: &mut Stream) -> bool {
     stream.random::<f64>() < probability
+}
+
+/// The parts that draw, so that no two of them draw the same numbers.
+#[derive(Clone, Copy)]
+pub(crate) enum Part {
+    Vehicle = 1,
+    Laser,
+    Lidar,
+    Imu,
+    FloorCamera,
+    FrontCamera,
+    Encoders,
+}
+
+/// The seed of one part: two parts, or two sensors of one kind, may be given one seed and draw on their own.
+pub(crate) fn own_seed(seed: Seed, part: Part, sensor: SensorId) -> Seed {
+    seed.derive(part as u64).derive(u64::from(sensor.0))
 }

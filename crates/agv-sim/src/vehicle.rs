@@ -1,81 +1,43 @@
 //! A vehicle on a floor: what it was told, what its wheels did, and where it really went.
 //!
 //! ```text
-//! command -> limits -> first-order lag -> wheel twist -> slip  -> true motion
-//!                                             |
-//!                                             +-> scale errors, noise -> odometry
+//! command -> ramp within the limits -> inverse kinematics -> every wheel and steered axle lags on its own
+//!         -> forward kinematics -> wheel twist -> slip -> true motion
+//!                                      |
+//!                                      +-> scale errors, noise -> odometry
 //! ```
 //!
 //! The odometry knows the wheels and nothing of the slip. Its noise is that of the odometry motion model (paper 001,
 //! Eqs. 2-5; Thrun, Burgard and Fox 2005, Table 5.6): the motion is taken apart into rotation, translation, rotation,
-//! each with a variance that grows with the motion, and put together again.
+//! each with a variance that grows with the motion, and put together again. [`WheelEncoders`](crate::WheelEncoders)
+//! count what the wheels turn, for an odometry of one's own.
 
-use crate::noise::normal;
-use crate::{Error, odometry_noise::OdometryErrors};
+use crate::noise::{Part, normal, own_seed};
+use crate::{Error, VehicleParams, WheelStates};
 use agv_core::{
     check,
     compute::Seed,
     geometry::{Se2, Twist2},
-    kinematics::{Kinematics, TwistLimits},
     odometry::OdometryIncrement,
+    sensors::SensorId,
     time::Stamp,
 };
 
-/// How the floor lets a vehicle down, as fractions of what the wheels do.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct SlipParams {
-    /// Share of the speed that the wheels spin away: 0.02 drives 2 % less than they turn.
-    pub longitudinal: f64,
-    /// Share of the turn rate that is lost in scrubbing.
-    pub yaw: f64,
-    /// Sideways drift outwards in bends: metres per second of drift for each m/s² of centripetal acceleration.
-    pub lateral: f64,
-    /// Standard deviation of the turn rate's disturbance by the floor, in radians per √second.
-    pub yaw_disturbance: f64,
-}
-
-/// What a vehicle is like.
+/// What a vehicle really does: nothing that its computer could know.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct VehicleParams {
-    /// What the drive can do, in m/s, rad/s and their rates.
-    pub limits: TwistLimits,
-    /// Time constant of the speed controllers, in seconds; zero follows the command at once, within the limits.
-    pub time_constant: f64,
-    /// What the floor does.
-    pub slip: SlipParams,
-    /// What the odometry gets wrong.
-    pub odometry: OdometryErrors,
-}
-
-impl Default for VehicleParams {
-    /// The default limits, drives that settle in about a third of a second, a floor without slip, and the default
-    /// odometry.
-    fn default() -> Self {
-        Self {
-            limits: TwistLimits::default(),
-            time_constant: 0.1,
-            slip: SlipParams::default(),
-            odometry: OdometryErrors::default(),
-        }
-    }
-}
-
-impl VehicleParams {
-    /// The same vehicle on an ideal floor with ideal drives and odometry: it does what it is told, within its limits.
-    #[must_use]
-    pub fn ideal(self) -> Self {
-        Self { time_constant: 0.0, slip: SlipParams::default(), odometry: OdometryErrors::NONE, ..self }
-    }
-
-    fn validate(&self) -> Result<(), Error> {
-        self.limits.validate()?;
-        check::non_negative("time_constant", self.time_constant)?;
-        check::in_range("longitudinal slip", self.slip.longitudinal, -1.0, 1.0)?;
-        check::in_range("yaw slip", self.slip.yaw, -1.0, 1.0)?;
-        check::non_negative("lateral slip", self.slip.lateral)?;
-        check::non_negative("yaw_disturbance", self.slip.yaw_disturbance)?;
-        self.odometry.validate()
-    }
+pub struct GroundTruth {
+    /// When.
+    pub stamp: Stamp,
+    /// Pose of the base in the map.
+    pub map_from_base: Se2,
+    /// Twist of the base in its own frame.
+    pub twist: Twist2,
+    /// Change of the twist over the last step, in m/s² and rad/s².
+    pub acceleration: Twist2,
+    /// Speeds of the wheels and angles of the steered axles.
+    pub wheels: WheelStates,
+    /// What the floor took: twist that the wheels made less the one of the base.
+    pub slip: Twist2,
 }
 
 /// A simulated vehicle with its ground truth.
@@ -100,6 +62,11 @@ pub struct Vehicle {
     seed: Seed,
     step: u64,
     now: Stamp,
+    /// Where the ramp towards the command is.
+    setpoint: Twist2,
+    wheels: WheelStates,
+    /// How far each wheel has turned, in radians.
+    rolled: [f64; 4],
     /// What the wheels do.
     wheel_twist: Twist2,
     /// What the base does.
@@ -119,9 +86,12 @@ impl Vehicle {
         check::all_finite("map_from_base", &[map_from_base.x(), map_from_base.y(), map_from_base.yaw()])?;
         Ok(Self {
             params,
-            seed,
+            seed: own_seed(seed, Part::Vehicle, SensorId::default()),
             step: 0,
             now: Stamp::default(),
+            setpoint: Twist2::ZERO,
+            wheels: WheelStates::default(),
+            rolled: [0.0; 4],
             wheel_twist: Twist2::ZERO,
             twist: Twist2::ZERO,
             acceleration: Twist2::ZERO,
@@ -132,17 +102,28 @@ impl Vehicle {
 
     /// Drives for `dt` seconds under a command and returns what the odometry says of it.
     ///
-    /// The covariance of the increment is zero: its noise is that of [`OdometryErrors`], for the consumer's motion
-    /// model to state.
+    /// The covariance of the increment is zero: its noise is that of [`OdometryErrors`](crate::OdometryErrors), for the
+    /// consumer's motion model to state.
     ///
     /// # Errors
     /// A command that is not finite, or a `dt` that is not finite and positive; the vehicle is then as it was.
     pub fn step(&mut self, command: &Twist2, dt: f64) -> Result<OdometryIncrement, Error> {
         check::all_finite("command", &[command.vx, command.vy, command.yaw_rate])?;
         check::positive("dt", dt)?;
+        let setpoint = self.params.limits.step(&self.setpoint, command, dt)?;
+        let mut told = self.params.drive.wheels(&setpoint, &self.wheels)?;
+        if *command == Twist2::ZERO {
+            // Rest has no curvature of its own: the vehicle brakes on the circle that it is on.
+            told.steering = self.wheels.steering;
+        }
         let mut stream = self.seed.stream(self.step, 0);
         self.step += 1;
-        self.wheel_twist = self.params.drive(&self.wheel_twist, command, dt);
+        self.setpoint = setpoint;
+        self.wheels = self.params.lag(&self.wheels, &told, dt);
+        for (angle, speed) in self.rolled.iter_mut().zip(self.wheels.speeds) {
+            *angle += speed * dt;
+        }
+        self.wheel_twist = self.params.drive.twist(&self.wheels);
         let wheels = self.wheel_twist;
 
         let slip = self.params.slip;
@@ -170,20 +151,6 @@ impl Vehicle {
         Ok(OdometryIncrement { start, end: self.now, start_from_end, covariance })
     }
 
-    /// As [`step`](Self::step), with the command turned into wheel commands and back: the vehicle is told what its
-    /// wheels can do and no more.
-    ///
-    /// # Errors
-    /// As `step`, or a command that the kinematics refuses.
-    pub fn step_with<K: Kinematics>(
-        &mut self,
-        kinematics: &K,
-        command: &Twist2,
-        dt: f64,
-    ) -> Result<OdometryIncrement, Error> {
-        self.step(&kinematics.forward(&kinematics.inverse(command)?), dt)
-    }
-
     /// What the vehicle is like.
     pub const fn params(&self) -> &VehicleParams {
         &self.params
@@ -192,6 +159,29 @@ impl Vehicle {
     /// Time since the start, as a stamp.
     pub const fn now(&self) -> Stamp {
         self.now
+    }
+
+    /// Ground truth, all of it.
+    pub fn truth(&self) -> GroundTruth {
+        let (wheels, base) = (self.wheel_twist, self.twist);
+        GroundTruth {
+            stamp: self.now,
+            map_from_base: self.map_from_base,
+            twist: base,
+            acceleration: self.acceleration,
+            wheels: self.wheels,
+            slip: Twist2::new(wheels.vx - base.vx, wheels.vy - base.vy, wheels.yaw_rate - base.yaw_rate),
+        }
+    }
+
+    /// Ground truth: speeds of the wheels and angles of the steered axles.
+    pub const fn wheels(&self) -> &WheelStates {
+        &self.wheels
+    }
+
+    /// Ground truth: how far each wheel has turned since the start, in radians, in the order of [`WheelStates`].
+    pub const fn wheel_angles(&self) -> &[f64; 4] {
+        &self.rolled
     }
 
     /// Ground truth: pose of the base in the map.
@@ -220,32 +210,12 @@ impl Vehicle {
     }
 }
 
-impl VehicleParams {
-    /// Twist of the wheels `dt` seconds later.
-    fn drive(&self, now: &Twist2, command: &Twist2, dt: f64) -> Twist2 {
-        let limits = &self.limits;
-        // Share of the way to the command that a first-order lag goes in dt, exactly.
-        let share = if self.time_constant > 0.0 { 1.0 - (-dt / self.time_constant).exp() } else { 1.0 };
-        let linear = |now: f64, target: f64| {
-            // Rates are named by what happens to the speed: towards zero is braking.
-            let speeding = target.abs() > now.abs() && target * now >= 0.0;
-            let rate = if speeding { limits.acceleration } else { limits.deceleration };
-            now + ((target - now) * share).clamp(-rate * dt, rate * dt)
-        };
-        let turn = limits.yaw_acceleration * dt;
-        let yaw_target = command.yaw_rate.clamp(-limits.yaw_rate, limits.yaw_rate);
-        Twist2::new(
-            linear(now.vx, command.vx.clamp(-limits.reverse_speed, limits.forward_speed)),
-            linear(now.vy, command.vy.clamp(-limits.lateral_speed, limits.lateral_speed)),
-            now.yaw_rate + ((yaw_target - now.yaw_rate) * share).clamp(-turn, turn),
-        )
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::{Drive, SlipParams};
     use agv_core::geometry::LieGroup;
+    use agv_core::kinematics::{Ackermann, AckermannParams, TwistLimits};
     use proptest::prelude::*;
 
     fn vehicle(params: VehicleParams) -> Vehicle {
@@ -269,8 +239,8 @@ mod tests {
                 let before = vehicle.wheel_twist();
                 vehicle.step(&Twist2::new(vx, 1.0, rate), dt).unwrap();
                 let now = vehicle.wheel_twist();
-                prop_assert!(now.vx <= limits.forward_speed && now.vx >= -limits.reverse_speed && now.vy == 0.0);
-                prop_assert!(now.yaw_rate.abs() <= limits.yaw_rate);
+                prop_assert!(now.vx <= limits.forward_speed + 1e-12 && now.vx >= -limits.reverse_speed - 1e-12);
+                prop_assert!(now.yaw_rate.abs() <= limits.yaw_rate + 1e-12 && now.vy == 0.0);
                 prop_assert!((now.vx - before.vx).abs() <= 0.5 * dt + 1e-12);
                 prop_assert!((now.yaw_rate - before.yaw_rate).abs() <= dt + 1e-12);
             }
@@ -307,27 +277,66 @@ mod tests {
         let slip = SlipParams { longitudinal: 0.1, yaw: 0.2, lateral: 0.05, yaw_disturbance: 0.0 };
         let mut slipping = vehicle(VehicleParams { slip, ..unlimited() });
         let odometry = slipping.step(&Twist2::new(1.0, 0.0, 0.5), 1.0).unwrap();
-        assert_eq!(odometry.start_from_end, Twist2::new(1.0, 0.0, 0.5).integrate(1.0));
-        assert_eq!(slipping.twist(), Twist2::new(0.9, -0.025, 0.4));
+        assert!(odometry.start_from_end.minus(&Twist2::new(1.0, 0.0, 0.5).integrate(1.0)).norm() < 1e-12);
+        let (truth, slip) = (slipping.twist(), slipping.truth().slip);
+        for (found, expected) in [
+            ([truth.vx, truth.vy, truth.yaw_rate], [0.9, -0.025, 0.4]),
+            ([slip.vx, slip.vy, slip.yaw_rate], [0.1, 0.025, 0.1]),
+        ] {
+            assert!(found.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{found:?}");
+        }
     }
 
+    /// A steered axle turns at its rate and lags behind, and the bend follows it, not the command.
     #[test]
-    fn wheels_pass_on_what_they_can_do() {
-        /// Cannot turn.
-        struct Tram;
-        impl Kinematics for Tram {
-            type Wheels = f64;
-            fn forward(&self, wheels: &f64) -> Twist2 {
-                Twist2::new(*wheels, 0.0, 0.0)
-            }
-            fn inverse(&self, twist: &Twist2) -> Result<f64, agv_core::Error> {
-                check::finite("vx", twist.vx)
+    fn the_steering_lags_and_the_bend_with_it() {
+        let truck = Ackermann::new(AckermannParams::default()).unwrap();
+        let free = TwistLimits { yaw_rate: 9.0, ..unlimited().limits };
+        let params = VehicleParams { limits: free, drive: Drive::Ackermann(truck), ..VehicleParams::default().ideal() };
+        for (constant, rate) in [(0.0, 0.4), (0.3, 100.0)] {
+            let params = VehicleParams { steering_time_constant: constant, steering_rate: rate, ..params };
+            let (mut vehicle, target) = (vehicle(params), 0.6_f64.atan());
+            for step in 1..=20 {
+                vehicle.step(&Twist2::new(1.0, 0.0, 0.5), 0.05).unwrap();
+                let (time, angle) = (0.05 * f64::from(step), vehicle.wheels().steering[0]);
+                let lag = if constant > 0.0 { target * (1.0 - (-time / constant).exp()) } else { target };
+                assert!((angle - lag.min(rate * time)).abs() < 1e-9, "{constant} {time} {angle}");
+                assert!((vehicle.twist().yaw_rate - angle.tan() / 1.2).abs() < 1e-12);
             }
         }
-        let mut tram = vehicle(unlimited());
-        tram.step_with(&Tram, &Twist2::new(0.5, 0.0, 0.9), 1.0).unwrap();
-        assert_eq!(tram.twist(), Twist2::new(0.5, 0.0, 0.0));
-        assert!(tram.step_with(&Tram, &Twist2::new(f64::NAN, 0.0, 0.0), 1.0).is_err());
+    }
+
+    /// Told to stand, a vehicle that steers brakes on its circle.
+    #[test]
+    fn braking_keeps_the_steering() {
+        let truck = Drive::Ackermann(Ackermann::new(AckermannParams::default()).unwrap());
+        let mut vehicle = vehicle(VehicleParams::new(truck));
+        for _ in 0..100 {
+            vehicle.step(&Twist2::new(0.8, 0.0, 0.3), 0.05).unwrap();
+        }
+        let turned = vehicle.wheels().steering;
+        assert!((turned[0] - (1.2_f64 * 0.3 / 0.8).atan()).abs() < 1e-6, "{turned:?}");
+        while vehicle.wheel_twist() != Twist2::ZERO {
+            vehicle.step(&Twist2::ZERO, 0.05).unwrap();
+            assert_eq!(vehicle.wheels().steering, turned);
+        }
+    }
+
+    /// What the wheels turned is what they moved, whatever the drive.
+    #[test]
+    fn wheels_turn_as_far_as_they_drive() {
+        let mut driving = vehicle(VehicleParams::default());
+        let mut way = 0.0;
+        for _ in 0..50 {
+            driving.step(&Twist2::new(0.6, 0.0, 0.3), 0.02).unwrap();
+            way += driving.wheel_twist().vx * 0.02;
+        }
+        let [left, right, ..] = *driving.wheel_angles();
+        assert!((0.05 * (left + right) - way).abs() < 1e-12 && right > left);
+        for _ in 0..200 {
+            driving.step(&Twist2::ZERO, 0.02).unwrap();
+        }
+        assert_eq!(driving.wheel_twist(), Twist2::ZERO);
     }
 
     #[test]
@@ -335,6 +344,8 @@ mod tests {
         let good = VehicleParams::default();
         for bad in [
             VehicleParams { time_constant: -1.0, ..good },
+            VehicleParams { steering_time_constant: f64::NAN, ..good },
+            VehicleParams { steering_rate: 0.0, ..good },
             VehicleParams { slip: SlipParams { longitudinal: 1.5, ..good.slip }, ..good },
             VehicleParams { slip: SlipParams { yaw: f64::NAN, ..good.slip }, ..good },
             VehicleParams { slip: SlipParams { lateral: -0.1, ..good.slip }, ..good },

@@ -101,6 +101,20 @@ impl<G: LieGroup> UncertainPose<G> {
         &self.covariance
     }
 
+    /// Root of the summed variances of the translation, in metres: how far off the position is, as a root mean square.
+    pub fn position_deviation(&self) -> f64 {
+        self.variances().take(G::TRANSLATION_DOF).sum::<f64>().sqrt()
+    }
+
+    /// Root of the summed variances of the rotation, in radians; of a planar pose that of the heading.
+    pub fn rotation_deviation(&self) -> f64 {
+        self.variances().skip(G::TRANSLATION_DOF).sum::<f64>().sqrt()
+    }
+
+    fn variances(&self) -> impl Iterator<Item = f64> {
+        G::matrix_slice(&self.covariance).iter().step_by(G::DOF + 1).copied()
+    }
+
     /// Covariance of the left increment `exp(τ) ∘ mean`, in the target frame: `Ad Σ Adᵀ`. Mind that it is the
     /// covariance of a body point that lies in the *target's* origin, so it grows with the distance from there.
     pub fn left_covariance(&self) -> G::Matrix {
@@ -208,6 +222,18 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn deviations_keep_metres_and_radians_apart() {
+        let entries = [4.0, 1.0, 2.0, 0.01, 0.04, 0.04];
+        let spread = Matrix6::from_diagonal(&Vector6::from_row_slice(&entries));
+        let pose = UncertainPose::new(Se3::default(), spread).unwrap();
+        assert!((pose.position_deviation() - 7_f64.sqrt()).abs() < 1e-12);
+        assert!((pose.rotation_deviation() - 0.3).abs() < 1e-12);
+        assert!((vehicle().position_deviation() - 6e-6_f64.sqrt()).abs() < 1e-12);
+        assert!((vehicle().rotation_deviation() - 1e-3).abs() < 1e-12);
+        assert_eq!(UncertainPose::exact(Se2::default()).position_deviation(), 0.0);
     }
 
     #[test]

@@ -45,6 +45,14 @@ macro_rules! tangent_space {
             let inverse = matrix.cholesky()?.inverse();
             inverse.iter().all(|v| v.is_finite()).then_some(inverse)
         }
+
+        fn symmetric_eigen(matrix: &Self::Matrix) -> Option<(Self::Tangent, Self::Matrix)> {
+            if !matrix.iter().all(|v| v.is_finite()) {
+                return None;
+            }
+            let eigen = matrix.symmetric_eigen();
+            Some((eigen.eigenvalues, eigen.eigenvectors))
+        }
     };
 }
 pub(super) use tangent_space;
@@ -74,6 +82,8 @@ pub(super) mod sealed {
 pub trait LieGroup: Copy + Debug + PartialEq + Default + Send + Sync + sealed::Sealed + 'static {
     /// Degrees of freedom.
     const DOF: usize;
+    /// Entries of a tangent that are translation, in metres; they come first.
+    const TRANSLATION_DOF: usize;
     /// Vector of `DOF` entries, translation first.
     type Tangent: Copy
         + Debug
@@ -173,6 +183,10 @@ pub trait LieGroup: Copy + Debug + PartialEq + Default + Send + Sync + sealed::S
     /// assert_eq!(Se2::inverse_of(&-covariance), None);
     /// ```
     fn inverse_of(matrix: &Self::Matrix) -> Option<Self::Matrix>;
+
+    /// Eigenvalues of a symmetric tangent-space matrix, in no order, and its eigenvectors, in the columns. `None` if it is
+    /// not finite.
+    fn symmetric_eigen(matrix: &Self::Matrix) -> Option<(Self::Tangent, Self::Matrix)>;
 
     /// Whether all numbers in it are finite.
     fn is_finite(&self) -> bool;

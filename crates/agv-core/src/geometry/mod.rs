@@ -9,6 +9,7 @@ mod angle;
 mod covariance;
 mod group;
 mod mean;
+mod observability;
 pub(crate) mod outline;
 mod se2;
 mod se3;
@@ -16,16 +17,19 @@ mod series;
 mod so2;
 mod so3;
 mod twist;
+mod uncertain_vector;
 
 pub use angle::{angle_difference, wrap_angle};
 pub use covariance::{UncertainPose, propagate_covariance};
 pub use group::LieGroup;
 pub use mean::{CircularMean, PoseMean, circular_mean, pose_mean};
+pub use observability::{PoseSigma, bounded_covariance, observed_information, unobserved_directions};
 pub use se2::Se2;
 pub use se3::Se3;
 pub use so2::So2;
 pub use so3::So3;
 pub use twist::{Twist2, Twist3};
+pub use uncertain_vector::UncertainVector;
 
 /// Accepts the squared norm of a stored rotation. Compositions keep it within a few units in the last place, so
 /// anything beyond is a damaged or a rounded file; normalising it would change the bits of a sound one.

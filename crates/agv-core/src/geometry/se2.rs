@@ -97,6 +97,7 @@ impl Sealed for Se2 {}
 
 impl LieGroup for Se2 {
     const DOF: usize = 3;
+    const TRANSLATION_DOF: usize = 2;
     type Tangent = Vector3<f64>;
     type Matrix = Matrix3<f64>;
     type Point = Vector2<f64>;

@@ -98,6 +98,7 @@ impl Sealed for Se3 {}
 
 impl LieGroup for Se3 {
     const DOF: usize = 6;
+    const TRANSLATION_DOF: usize = 3;
     type Tangent = Vector6<f64>;
     type Matrix = Matrix6<f64>;
     type Point = Vector3<f64>;

@@ -94,6 +94,7 @@ impl Sealed for So2 {}
 
 impl LieGroup for So2 {
     const DOF: usize = 1;
+    const TRANSLATION_DOF: usize = 0;
     type Tangent = Vector1<f64>;
     type Matrix = Matrix1<f64>;
     type Point = Vector2<f64>;

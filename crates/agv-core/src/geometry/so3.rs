@@ -84,6 +84,7 @@ impl Sealed for So3 {}
 
 impl LieGroup for So3 {
     const DOF: usize = 3;
+    const TRANSLATION_DOF: usize = 0;
     type Tangent = Vector3<f64>;
     type Matrix = Matrix3<f64>;
     type Point = Vector3<f64>;

@@ -76,12 +76,18 @@ pub(crate) fn update_before_end<T: Copy>(
 
     let lines = (x.lines + y.lines) as u64;
     let walk = Walk { index, phase, turn, along, across, lines };
-    if (first.offset * second.length - second.offset * first.length) & (LATTICE - 1) == 0 {
+    if meets_corner(&x, &y) {
         walk.update_with_corners(values, weighted >> LATTICE_BITS > u128::from(u64::MAX), update)
     } else {
         walk.update_without_corners(values, update);
         lines
     }
+}
+
+/// Whether the line may pass through a corner between cells; if not, it certainly does not.
+#[inline]
+pub(crate) const fn meets_corner(x: &Axis, y: &Axis) -> bool {
+    (x.offset * y.length - y.offset * x.length) & (LATTICE - 1) == 0
 }
 
 /// A beam at the cell of its start.

@@ -8,7 +8,8 @@ use super::{
     Cell, CellState, Grid, GridLayout, InverseModel, InverseModelParams, OccupancyThresholds, ScanInsertion,
     beam_walk::Block,
     inverse_model::{MIN_PROBABILITY, QUANTUM, log_odds, probability},
-    scan_insertion::{CellUpdate, ProjectedScan, insert},
+    layout::ensure_same_lattice,
+    scan_insertion::{CellUpdate, InsertionScratch, ProjectedScan, insert},
 };
 use crate::{
     Error,
@@ -64,7 +65,7 @@ pub struct EvidenceGrid {
     /// No cell's magnitude exceeds this; what makes sure that nothing overflows, without a test per update.
     bound: i64,
     scan: ProjectedScan,
-    kept: Vec<(usize, i32)>,
+    scratch: InsertionScratch<i32>,
 }
 
 #[cfg(feature = "serde")]
@@ -131,13 +132,18 @@ impl CellUpdate for Add {
     type Value = i32;
 
     #[inline]
-    fn free(self, value: i32, by: i32) -> i32 {
-        value.wrapping_add(by)
+    fn free(self, value: i32, by: i16) -> i32 {
+        value.wrapping_add(i32::from(by))
     }
 
     #[inline]
-    fn hit(self, value: i32, by: i32) -> i32 {
-        value.wrapping_add(by)
+    fn free_times(self, value: i32, count: i16, by: i16) -> i32 {
+        value.wrapping_add(i32::from(count) * i32::from(by))
+    }
+
+    #[inline]
+    fn hit(self, value: i32, by: i16) -> i32 {
+        value.wrapping_add(i32::from(by))
     }
 }
 
@@ -172,7 +178,7 @@ impl EvidenceGrid {
             model,
             bound: 0,
             scan: ProjectedScan::default(),
-            kept: Vec::new(),
+            scratch: InsertionScratch::default(),
         }
     }
 
@@ -231,7 +237,7 @@ impl EvidenceGrid {
     ///
     /// Cells before the end of a beam become more free, the cell of its end more occupied; beams without a statement
     /// are skipped, see [`InverseModelParams`]. An empty scan changes nothing. Time is linear in the cells crossed;
-    /// memory is allocated only when the grid grows or the scan has more beams than any before.
+    /// memory is allocated only when the grid grows, or the scan has more beams or reaches farther than any before.
     ///
     /// # Errors
     /// A pose that is not finite or too far off, [`Error::TooMany`] if the grid would exceed
@@ -247,7 +253,7 @@ impl EvidenceGrid {
         let bound = self.bound_after(most)?;
         let grown = self.grow(low, high)?;
         self.bound = bound;
-        let done = insert(&mut self.values, self.block, self.corner, &self.scan, &self.model, &mut self.kept, Add);
+        let done = insert(&mut self.values, self.block, self.corner, &self.scan, &self.model, &mut self.scratch, Add);
         Ok(ScanInsertion { grown, ..done })
     }
 
@@ -285,18 +291,7 @@ impl EvidenceGrid {
     }
 
     fn ensure_same_lattice(&self, other: &Self) -> Result<(), Error> {
-        let (a, b) = (self.map_from_lattice, other.map_from_lattice);
-        for (name, left, right) in [
-            ("resolution", self.resolution, other.resolution),
-            ("origin x", a.x(), b.x()),
-            ("origin y", a.y(), b.y()),
-            ("origin yaw", a.yaw(), b.yaw()),
-        ] {
-            if left != right {
-                return Err(Error::LayoutMismatch { name, left, right });
-            }
-        }
-        Ok(())
+        ensure_same_lattice((self.resolution, other.resolution), (&self.map_from_lattice, &other.map_from_lattice))
     }
 
     /// Greatest magnitude of any cell.

@@ -188,21 +188,32 @@ impl GridLayout {
     /// # Errors
     /// [`Error::LayoutMismatch`] names the first difference.
     pub fn ensure_same(&self, other: &Self) -> Result<(), Error> {
-        let (a, b) = (self.map_from_grid, other.map_from_grid);
-        for (name, left, right) in [
+        ensure_equal([
             ("width", self.width as f64, other.width as f64),
             ("height", self.height as f64, other.height as f64),
-            ("resolution", self.resolution, other.resolution),
-            ("origin x", a.x(), b.x()),
-            ("origin y", a.y(), b.y()),
-            ("origin yaw", a.yaw(), b.yaw()),
-        ] {
-            if left != right {
-                return Err(Error::LayoutMismatch { name, left, right });
-            }
-        }
-        Ok(())
+        ])?;
+        ensure_same_lattice((self.resolution, other.resolution), (&self.map_from_grid, &other.map_from_grid))
     }
+}
+
+/// Checks that the cells of two grids lie on one lattice, wherever each of the two begins and ends.
+pub(super) fn ensure_same_lattice(resolutions: (f64, f64), origins: (&Se2, &Se2)) -> Result<(), Error> {
+    let (a, b) = origins;
+    ensure_equal([
+        ("resolution", resolutions.0, resolutions.1),
+        ("origin x", a.x(), b.x()),
+        ("origin y", a.y(), b.y()),
+        ("origin yaw", a.yaw(), b.yaw()),
+    ])
+}
+
+fn ensure_equal<const N: usize>(pairs: [(&'static str, f64, f64); N]) -> Result<(), Error> {
+    for (name, left, right) in pairs {
+        if left != right {
+            return Err(Error::LayoutMismatch { name, left, right });
+        }
+    }
+    Ok(())
 }
 
 #[cfg(test)]

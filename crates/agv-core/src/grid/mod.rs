@@ -1,8 +1,10 @@
 //! Grids: where cells lie, what they hold, and what is computed on them.
 
+mod beam_count;
 mod beam_walk;
 mod cells;
 mod collision;
+mod components;
 mod costmap;
 mod distance;
 mod evidence;
@@ -14,6 +16,8 @@ mod inverse_model;
 mod layout;
 mod likelihood;
 mod local_map;
+mod nearest;
+mod neighbourhood;
 mod occupancy;
 mod ray_cast;
 mod revision;
@@ -23,6 +27,7 @@ mod traversal;
 
 pub use cells::{CellState, Grid};
 pub use collision::{CollisionChecker, CollisionParams, ObstacleMap};
+pub use components::Components;
 pub use costmap::{Costmap, cost};
 pub use distance::{DistanceParams, DistanceTransform, distance_field};
 pub use evidence::EvidenceGrid;
@@ -33,6 +38,7 @@ pub use inverse_model::{BeamEvidence, InverseModel, InverseModelParams, NoReturn
 pub use layout::{Cell, GridLayout};
 pub use likelihood::{LikelihoodField, LikelihoodFieldParams, UnknownSpace};
 pub use local_map::{LocalMap, LocalMapParams};
+pub use neighbourhood::{Connectivity, CornerRule};
 pub use occupancy::{OccupancyGrid, OccupancyParams};
 pub use ray_cast::{RayCastParams, RayCaster, RayHit};
 pub use revision::{CellRect, Revision};

@@ -6,12 +6,13 @@
 
 use super::{
     Cell, CellState, EvidenceGrid, Grid, GridLayout, InverseModel, InverseModelParams, OccupancyThresholds,
-    ScanInsertion,
+    ScanInsertion, Traversal,
     beam_walk::Block,
     inverse_model::{MIN_PROBABILITY, QUANTUM, log_odds, probability, quantize},
-    scan_insertion::{CellUpdate, ProjectedScan, insert},
+    scan_insertion::{CellUpdate, InsertionScratch, ProjectedScan, insert},
 };
 use crate::{Error, check, geometry::Se2, sensors::LaserScan};
+use nalgebra::Vector2;
 
 /// Parameters of [`OccupancyGrid`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,7 +74,7 @@ pub struct OccupancyGrid {
     /// Time that has passed and is not yet worth a step of decay, in seconds.
     pending: f64,
     scan: ProjectedScan,
-    kept: Vec<(usize, i16)>,
+    scratch: InsertionScratch<i16>,
 }
 
 #[cfg(feature = "serde")]
@@ -118,6 +119,16 @@ impl PartialEq for OccupancyGrid {
 struct Clamp {
     min: i16,
     max: i16,
+    /// So much free evidence takes every cell to `min`: with more of it an `i16` might not hold the sum.
+    most: i16,
+}
+
+impl Clamp {
+    fn new(params: &OccupancyParams, model: &InverseModel) -> Self {
+        let (min, max) = (quantize(log_odds(params.p_min)), quantize(log_odds(params.p_max)));
+        let most = (max - min) / -model.free() + 1;
+        Self { min: min as i16, max: max as i16, most: most as i16 }
+    }
 }
 
 impl CellUpdate for Clamp {
@@ -126,6 +137,11 @@ impl CellUpdate for Clamp {
     #[inline]
     fn free(self, value: i16, by: i16) -> i16 {
         value.wrapping_add(by).max(self.min)
+    }
+
+    #[inline]
+    fn free_times(self, value: i16, count: i16, by: i16) -> i16 {
+        value.wrapping_add(count.min(self.most).wrapping_mul(by)).max(self.min)
     }
 
     #[inline]
@@ -150,9 +166,17 @@ impl OccupancyGrid {
         if let Some(half_life) = params.half_life {
             check::positive("half_life", half_life)?;
         }
-        let rule = Clamp { min: quantize(log_odds(params.p_min)) as i16, max: quantize(log_odds(params.p_max)) as i16 };
+        let rule = Clamp::new(&params, &model);
         let values = Grid::filled(layout, 0);
-        Ok(Self { params, model, rule, values, pending: 0.0, scan: ProjectedScan::default(), kept: Vec::new() })
+        Ok(Self {
+            params,
+            model,
+            rule,
+            values,
+            pending: 0.0,
+            scan: ProjectedScan::default(),
+            scratch: InsertionScratch::default(),
+        })
     }
 
     /// A live grid that starts from a map.
@@ -211,17 +235,62 @@ impl OccupancyGrid {
 
     /// Updates the cells that a scan taken at `map_from_base` crosses and hits; what lies outside the grid is left out.
     ///
-    /// Time is linear in the cells crossed; memory is allocated only if the scan has more beams than any before.
+    /// Time is linear in the cells crossed; memory is allocated only if the scan has more beams, or
+    /// reaches farther, than any before.
     ///
     /// # Errors
-    /// A pose that is not finite, or farther off than [`Traversal::MAX_COORDINATE`](super::Traversal::MAX_COORDINATE)
+    /// A pose that is not finite, or farther off than [`Traversal::MAX_COORDINATE`]
     /// cells; the grid is then as it was.
     pub fn insert_scan(&mut self, scan: &LaserScan, map_from_base: &Se2) -> Result<ScanInsertion, Error> {
         let layout = *self.values.layout();
         self.scan.project(scan, map_from_base, &self.model, &layout.map_from_grid(), layout.resolution())?;
         let block = Block { width: layout.width() as i64, height: layout.height() as i64 };
         let values = self.values.values_mut();
-        Ok(insert(values, block, (0, 0), &self.scan, &self.model, &mut self.kept, self.rule))
+        Ok(insert(values, block, (0, 0), &self.scan, &self.model, &mut self.scratch, self.rule))
+    }
+
+    /// Moves the grid by whole cells until its middle cell holds the map point `center`, as a window that follows a
+    /// vehicle, and says whether it moved. What both windows cover is kept; what is new is unknown.
+    ///
+    /// Linear in the cells, in place.
+    ///
+    /// # Errors
+    /// A point that is not finite, or farther off than [`Traversal::MAX_COORDINATE`] cells; the grid is then as it was.
+    pub fn recenter(&mut self, center: &Vector2<f64>) -> Result<bool, Error> {
+        let layout = *self.values.layout();
+        let (point, far) = (layout.to_grid(center), Traversal::MAX_COORDINATE);
+        check::in_range("center x (cells)", point.x, -far, far)?;
+        check::in_range("center y (cells)", point.y, -far, far)?;
+        let (width, height) = (layout.width(), layout.height());
+        let right = point.x.floor() as isize - (width / 2) as isize;
+        let up = point.y.floor() as isize - (height / 2) as isize;
+        if (right, up) == (0, 0) {
+            return Ok(false);
+        }
+        let values = self.values.values_mut();
+        let (columns, rows) = (right.unsigned_abs(), up.unsigned_abs());
+        if columns >= width || rows >= height {
+            values.fill(0);
+        } else {
+            // One move of the whole block; what it wraps around the ends of rows is new, and cleared.
+            let distance = up * width as isize + right;
+            let (len, shift) = (values.len(), distance.unsigned_abs());
+            if distance > 0 {
+                values.copy_within(shift.., 0);
+            } else {
+                values.copy_within(..len - shift, shift);
+            }
+            let new_rows = if up > 0 { len - rows * width..len } else { 0..rows * width };
+            values[new_rows].fill(0);
+            let new_columns = if right > 0 { width - columns..width } else { 0..columns };
+            for row in values.chunks_exact_mut(width) {
+                row[new_columns.clone()].fill(0);
+            }
+        }
+        let corner = layout.to_map(&Vector2::new(right as f64, up as f64));
+        let map_from_grid = Se2::from_parts(corner, layout.map_from_grid().rotation());
+        self.values.reshape(GridLayout::new_unchecked(width, height, layout.resolution(), map_from_grid), 0);
+        Ok(true)
     }
 
     /// Lets `dt` seconds pass: every cell's log-odds decay towards unknown, by half in each half-life. Nothing happens
@@ -247,5 +316,46 @@ impl OccupancyGrid {
             }
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn grid() -> OccupancyGrid {
+        let layout = GridLayout::new(9, 6, 0.5, Se2::new(1.0, -2.0, 0.7)).unwrap();
+        let mut grid = OccupancyGrid::new(layout, OccupancyParams::default()).unwrap();
+        for (index, value) in grid.values.values_mut().iter_mut().enumerate() {
+            *value = index as i16 + 1;
+        }
+        grid
+    }
+
+    proptest! {
+        /// Seen from the map, cells that both windows cover keep their values, and the others are unknown.
+        #[test]
+        fn a_moved_window_keeps_what_it_still_covers(x in -16_i32..24, y in -12_i32..18) {
+            let (old, mut new) = (grid(), grid());
+            let center = old.layout().center(Cell::new(x, y));
+            prop_assert_eq!(new.recenter(&center).unwrap(), (x, y) != (4, 3));
+            prop_assert_eq!(new.layout().cell_at(&center), Some(Cell::new(4, 3)));
+            for index in 0..new.layout().len() {
+                let before = old.layout().cell_at(&new.layout().center(new.layout().cell(index)));
+                let expected = before.and_then(|cell| old.values.get(cell).copied()).unwrap_or(0);
+                prop_assert_eq!(new.values.values()[index], expected);
+            }
+        }
+    }
+
+    #[test]
+    fn a_center_that_cannot_be_counted_changes_nothing() {
+        for bad in [f64::NAN, f64::INFINITY, -1e300] {
+            let mut moved = grid();
+            assert!(matches!(moved.recenter(&Vector2::new(bad, 0.0)), Err(Error::OutOfRange { .. })), "{bad}");
+            assert!(matches!(moved.recenter(&Vector2::new(0.0, bad)), Err(Error::OutOfRange { .. })), "{bad}");
+            assert!(moved == grid());
+        }
     }
 }

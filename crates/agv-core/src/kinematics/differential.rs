@@ -50,7 +50,7 @@ pub struct DifferentialWheels {
 /// assert!((wheels.left - 9.0).abs() < 1e-12 && (wheels.right - 11.0).abs() < 1e-12);
 /// # Ok::<(), agv_core::Error>(())
 /// ```
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct DifferentialDrive {
     params: DifferentialParams,
 }

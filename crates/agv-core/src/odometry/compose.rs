@@ -9,7 +9,7 @@
 use super::{MotionIncrement, OdometryIncrement, increment::check_pose};
 use crate::{
     Error, check,
-    geometry::{LieGroup, Se2},
+    geometry::{LieGroup, Se2, propagate_covariance},
 };
 use nalgebra::Matrix3;
 
@@ -37,13 +37,20 @@ impl<G: LieGroup> MotionIncrement<G> {
             let (earlier_ns, later_ns) = (self.end.nanoseconds(), next.start.nanoseconds());
             return Err(Error::TimeBackwards { earlier_ns, later_ns });
         }
-        let carry = next.start_from_end.inverse().adjoint();
-        Ok(Self {
+        Ok(self.compose(next))
+    }
+
+    /// As [`then`](Self::then) without its checks, for a log whose clock steps backwards: from the start of this motion to
+    /// the end of `next`.
+    #[must_use]
+    pub fn compose(&self, next: &Self) -> Self {
+        let (jacobian, _) = self.start_from_end.compose_jacobians(&next.start_from_end);
+        Self {
             start: self.start,
             end: next.end,
             start_from_end: self.start_from_end.compose(&next.start_from_end),
-            covariance: carry * self.covariance * G::transpose(&carry) + next.covariance,
-        })
+            covariance: propagate_covariance::<G>(&jacobian, &self.covariance) + next.covariance,
+        }
     }
 }
 

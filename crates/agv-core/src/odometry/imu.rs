@@ -8,13 +8,15 @@
 //!
 //! White noise makes the variance grow with time; an unknown but constant bias of deviation `sigma` makes the
 //! *deviation* grow with the time `T` since it was set (Woodman 2007, section 3.2). Turns that are taken one after
-//! another share this error, so each gets what it adds: their variances sum up to that of the whole, however it is cut. Gyrodometry (Borenstein and Feng 1996) takes the turn from the gyro, which does not
-//! slip, and the distance from the wheels, which do not drift.
+//! another share this error, so each gets what it adds: their variances sum up to that of the whole, however it is cut.
+//! Gyrodometry (Borenstein and Feng 1996) takes the turn from the gyro, which does not slip, and the distance from the
+//! wheels, which do not drift.
 
 use super::OdometryIncrement;
 use crate::{
     Error, check,
     geometry::{LieGroup, Se2},
+    sensors::ImuSample,
     time::Stamp,
 };
 use nalgebra::Vector3;
@@ -142,6 +144,16 @@ impl YawIntegrator {
     pub fn push(&mut self, stamp: Stamp, yaw_rate: f64) -> Result<(), Error> {
         check::finite("yaw_rate", yaw_rate)?;
         self.advance(stamp, yaw_rate)
+    }
+
+    /// Adds the rate about the vehicle's z axis of an inertial measurement unit's sample; its covariance is not looked at,
+    /// for the integrator's own noise states it.
+    ///
+    /// # Errors
+    /// [`Error::Empty`] for a sample without turn rates, or [`Error::TimeBackwards`]; the sample is then left out.
+    pub fn push_sample(&mut self, sample: &ImuSample) -> Result<(), Error> {
+        let (rate, _) = sample.yaw_rate().ok_or(Error::Empty { name: "angular velocity" })?;
+        self.push(sample.stamp(), rate)
     }
 
     /// The turn since the last call (or the first sample) up to `end`, with the last rate held after the last sample;
@@ -314,6 +326,7 @@ mod tests {
         gyro.push(at(1.0), 0.5).unwrap();
         let before = gyro;
         assert!(gyro.push(at(1.1), f64::NAN).is_err());
+        assert_eq!(gyro.push_sample(&ImuSample::new(at(1.1))), Err(Error::Empty { name: "angular velocity" }));
         assert!(matches!(gyro.push(at(0.9), 0.5), Err(Error::TimeBackwards { .. })));
         assert!(gyro.take_until(at(0.9)).is_err());
         assert!(gyro.set_bias(f64::NAN, 0.0).is_err() && gyro.set_bias(0.0, -1.0).is_err());

@@ -11,6 +11,7 @@ mod encoder;
 mod gyro_bias;
 mod imu;
 mod increment;
+mod rolling;
 mod rot_trans_rot;
 mod wheels;
 
@@ -20,5 +21,6 @@ pub use encoder::{EncoderParams, TickCounter};
 pub use gyro_bias::GyroBiasEstimator;
 pub use imu::{YawIncrement, YawIntegrator, gyrodometry};
 pub use increment::{MotionIncrement, OdometryIncrement};
+pub use rolling::RollingModel;
 pub use rot_trans_rot::RotTransRot;
-pub use wheels::{RollingModel, WheelNoise, WheelOdometry};
+pub use wheels::{WheelNoise, WheelOdometry};

@@ -3,84 +3,21 @@
 //! A vehicle whose wheels turn by the small angles `φ` moves by `exp(J φ)`, with `J` the matrix of its forward
 //! kinematics: the exact arc, not a chord. Wheel slip makes the variance of each angle grow with the angle itself
 //! (Chong and Kleeman 1997: independent increments, so that the uncertainty of a path does not depend on how finely it
-//! is sampled), and the steering angle has a noise of its own:
+//! is sampled), and each steering angle has a noise of its own:
 //!
 //! ```text
-//! Σ = Jr (J diag(k |φ|) Jᵀ + g g' s² + lateral) Jrᵀ        g = ∂(J φ) / ∂ steering
+//! Σ = Jr (J diag(k |φ|) Jᵀ + Σ g gᵀ s² + lateral) Jrᵀ        g = ∂(J φ) / ∂ steering
 //! ```
 //!
 //! with `Jr` the right Jacobian of the exponential: a covariance in the base frame of the end.
 
-use super::{EncoderParams, OdometryIncrement, TickCounter};
+use super::{EncoderParams, OdometryIncrement, RollingModel, TickCounter};
 use crate::{
     Error, check,
     geometry::{LieGroup, Se2},
-    kinematics::{
-        Ackermann, AckermannWheels, DifferentialDrive, DifferentialWheels, Kinematics, Mecanum, MecanumWheels,
-        Tricycle, TricycleWheels,
-    },
     time::Stamp,
 };
-use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
-
-/// A vehicle whose motion is linear in `N` wheel angles, at a given steering angle.
-pub trait RollingModel<const N: usize> {
-    /// Motion of the base, as a tangent `(x, y, yaw)`, per radian of each wheel; `steering` in radians. Its columns are
-    /// what [`Kinematics::forward`] says of one wheel alone.
-    fn rolling_matrix(&self, steering: f64) -> SMatrix<f64, 3, N>;
-
-    /// Derivative of [`rolling_matrix`](Self::rolling_matrix) with respect to the steering angle.
-    fn rolling_matrix_slope(&self, _steering: f64) -> SMatrix<f64, 3, N> {
-        SMatrix::zeros()
-    }
-}
-
-/// Wheels in the order left, right.
-impl RollingModel<2> for DifferentialDrive {
-    fn rolling_matrix(&self, _: f64) -> SMatrix<f64, 3, 2> {
-        let column = |left, right| self.forward(&DifferentialWheels { left, right }).into();
-        SMatrix::from_columns(&[column(1.0, 0.0), column(0.0, 1.0)])
-    }
-}
-
-/// The mean angle of the driven rear wheels.
-impl RollingModel<1> for Ackermann {
-    fn rolling_matrix(&self, steering: f64) -> Vector3<f64> {
-        self.forward(&AckermannWheels { drive: 1.0, steering }).into()
-    }
-
-    fn rolling_matrix_slope(&self, steering: f64) -> Vector3<f64> {
-        let (p, cos) = (self.params(), steering.cos());
-        Vector3::new(0.0, 0.0, p.wheel_radius / (p.wheelbase * cos * cos))
-    }
-}
-
-/// The front wheel.
-impl RollingModel<1> for Tricycle {
-    fn rolling_matrix(&self, steering: f64) -> Vector3<f64> {
-        self.forward(&TricycleWheels { drive: 1.0, steering }).into()
-    }
-
-    fn rolling_matrix_slope(&self, steering: f64) -> Vector3<f64> {
-        let (p, (sin, cos)) = (self.params(), steering.sin_cos());
-        Vector3::new(-p.wheel_radius * sin, 0.0, p.wheel_radius * cos / p.wheelbase)
-    }
-}
-
-/// Wheels in the order front left, front right, rear left, rear right.
-impl RollingModel<4> for Mecanum {
-    fn rolling_matrix(&self, _: f64) -> SMatrix<f64, 3, 4> {
-        let column = |front_left, front_right, rear_left, rear_right| {
-            self.forward(&MecanumWheels { front_left, front_right, rear_left, rear_right }).into()
-        };
-        SMatrix::from_columns(&[
-            column(1.0, 0.0, 0.0, 0.0),
-            column(0.0, 1.0, 0.0, 0.0),
-            column(0.0, 0.0, 1.0, 0.0),
-            column(0.0, 0.0, 0.0, 1.0),
-        ])
-    }
-}
+use nalgebra::{Matrix3, SVector};
 
 /// How wheels mislead.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -88,7 +25,7 @@ impl RollingModel<4> for Mecanum {
 pub struct WheelNoise {
     /// Variance of a wheel angle per radian rolled, in rad² per radian.
     pub angle_variance_per_radian: f64,
-    /// Standard deviation of the steering angle, in radians; ignored by vehicles that do not steer.
+    /// Standard deviation of each steering angle, in radians; ignored by vehicles that do not steer.
     pub steering_sigma: f64,
     /// Variance of the sideways slip per metre travelled, in m² per metre. Positive keeps the covariance definite for
     /// vehicles that cannot move sideways.
@@ -103,7 +40,7 @@ impl Default for WheelNoise {
     }
 }
 
-/// Wheel odometry of one vehicle: counts in, increments out.
+/// Wheel odometry of one vehicle with `N` encoders and `S` steering angles: counts in, increments out.
 ///
 /// Between an increment and the next nothing is lost: every increment starts where the last one ended.
 ///
@@ -114,21 +51,21 @@ impl Default for WheelNoise {
 ///
 /// let drive = DifferentialDrive::new(DifferentialParams::default())?;
 /// let mut odometry = WheelOdometry::new(drive, EncoderParams::default(), WheelNoise::default())?;
-/// assert!(odometry.update(Stamp::from_seconds(0.0), [0, 0], 0.0)?.is_none()); // the first counts are the reference
+/// assert!(odometry.update(Stamp::from_seconds(0.0), [0, 0], [])?.is_none()); // the first counts are the reference
 ///
-/// let motion = odometry.update(Stamp::from_seconds(0.5), [4096, 4096], 0.0)?.unwrap();
+/// let motion = odometry.update(Stamp::from_seconds(0.5), [4096, 4096], [])?.unwrap();
 /// assert!((motion.start_from_end.x() - 0.2 * std::f64::consts::PI).abs() < 1e-12);
 /// # Ok::<(), agv_core::Error>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct WheelOdometry<M, const N: usize> {
+pub struct WheelOdometry<M, const N: usize, const S: usize = 0> {
     model: M,
     counter: TickCounter,
     noise: WheelNoise,
     last: Option<(Stamp, [i64; N])>,
 }
 
-impl<M: RollingModel<N>, const N: usize> WheelOdometry<M, N> {
+impl<M: RollingModel<N, S>, const N: usize, const S: usize> WheelOdometry<M, N, S> {
     /// Odometry of a vehicle with equal encoders on all wheels.
     ///
     /// # Errors
@@ -150,14 +87,19 @@ impl<M: RollingModel<N>, const N: usize> WheelOdometry<M, N> {
         self.last = None;
     }
 
-    /// The motion since the last update; `None` for the first. `steering` is the mean angle since then, in radians
-    /// (any finite number for a vehicle that does not steer).
+    /// The motion since the last update; `None` for the first. `steering` holds the mean angles since then, in radians,
+    /// in the order of the vehicle's [`RollingModel`].
     ///
     /// # Errors
     /// [`Error::TimeBackwards`], a steering angle that is not finite, or a wheel faster than the encoder's
     /// `max_wheel_speed`. The reference stays as it was: leave the reading out, or [`reset`](Self::reset).
-    pub fn update(&mut self, stamp: Stamp, ticks: [i64; N], steering: f64) -> Result<Option<OdometryIncrement>, Error> {
-        check::finite("steering", steering)?;
+    pub fn update(
+        &mut self,
+        stamp: Stamp,
+        ticks: [i64; N],
+        steering: [f64; S],
+    ) -> Result<Option<OdometryIncrement>, Error> {
+        check::all_finite("steering", &steering)?;
         let Some((start, before)) = self.last else {
             self.last = Some((stamp, ticks));
             return Ok(None);
@@ -169,7 +111,7 @@ impl<M: RollingModel<N>, const N: usize> WheelOdometry<M, N> {
         for ((angle, before), now) in angles.iter_mut().zip(before).zip(ticks) {
             *angle = self.counter.angle(before, now, stamp - start)?;
         }
-        let increment = self.increment(start, stamp, &angles, steering)?;
+        let increment = self.increment(start, stamp, &angles, &steering)?;
         self.last = Some((stamp, ticks));
         Ok(Some(increment))
     }
@@ -183,15 +125,18 @@ impl<M: RollingModel<N>, const N: usize> WheelOdometry<M, N> {
         start: Stamp,
         end: Stamp,
         angles: &[f64; N],
-        steering: f64,
+        steering: &[f64; S],
     ) -> Result<OdometryIncrement, Error> {
         check::all_finite("wheel angle", angles)?;
-        check::finite("steering", steering)?;
+        check::all_finite("steering", steering)?;
         let rolling = self.model.rolling_matrix(steering);
         let angles = SVector::<f64, N>::from(*angles);
         let tangent = rolling * angles;
-        let slope = self.model.rolling_matrix_slope(steering) * angles * self.noise.steering_sigma;
-        let mut spread = slope * slope.transpose();
+        let mut spread = Matrix3::zeros();
+        for axle in 0..S {
+            let slope = self.model.rolling_matrix_slope(steering, axle) * angles * self.noise.steering_sigma;
+            spread += slope * slope.transpose();
+        }
         for (column, angle) in rolling.column_iter().zip(angles.iter()) {
             spread += column * column.transpose() * (self.noise.angle_variance_per_radian * angle.abs());
         }
@@ -216,46 +161,13 @@ mod tests {
         WheelOdometry::new(drive, EncoderParams::default(), WheelNoise::default()).unwrap()
     }
 
-    /// The matrices are the forward kinematics of the same vehicles, and their slopes the numeric derivatives.
-    #[test]
-    fn rolling_matrices_agree_with_the_kinematics() {
-        let truck = Ackermann::new(AckermannParams::default()).unwrap();
-        let tricycle = Tricycle::new(TricycleParams::default()).unwrap();
-        let carrier = Mecanum::new(MecanumParams::default()).unwrap();
-        let drive = DifferentialDrive::new(DifferentialParams { left_radius: 0.09, ..Default::default() }).unwrap();
-        let (steering, h) = (0.4, 1e-6);
-        let close = |a: Vector3<f64>, b: Vector3<f64>| assert!((a - b).norm() < 1e-9, "{a} {b}");
-        close(truck.rolling_matrix(steering) * 2.0, truck.forward(&AckermannWheels { drive: 2.0, steering }).into());
-        close(
-            tricycle.rolling_matrix(steering) * 2.0,
-            tricycle.forward(&TricycleWheels { drive: 2.0, steering }).into(),
-        );
-        close(
-            drive.rolling_matrix(0.0) * nalgebra::Vector2::new(1.0, 3.0),
-            drive.forward(&DifferentialWheels { left: 1.0, right: 3.0 }).into(),
-        );
-        let wheels = MecanumWheels { front_left: 1.0, front_right: -2.0, rear_left: 3.0, rear_right: 0.5 };
-        close(
-            carrier.rolling_matrix(0.0) * nalgebra::Vector4::new(1.0, -2.0, 3.0, 0.5),
-            carrier.forward(&wheels).into(),
-        );
-        close(
-            truck.rolling_matrix_slope(steering),
-            (truck.rolling_matrix(steering + h) - truck.rolling_matrix(steering - h)) / (2.0 * h),
-        );
-        close(
-            tricycle.rolling_matrix_slope(steering),
-            (tricycle.rolling_matrix(steering + h) - tricycle.rolling_matrix(steering - h)) / (2.0 * h),
-        );
-    }
-
     /// The covariance against drawn wheel errors: 4000 draws of a quarter circle, each entry within the sampling error.
     #[test]
     fn the_covariance_is_that_of_drawn_wheel_angles() {
         let mut odometry = odometry();
         odometry.noise.lateral_variance_per_metre = 0.0;
         let angles = [10.0, 14.0];
-        let mean = odometry.increment(Stamp::default(), Stamp::default(), &angles, 0.0).unwrap();
+        let mean = odometry.increment(Stamp::default(), Stamp::default(), &angles, &[]).unwrap();
         let mut stream = Seed(5).stream(0, 0);
         let draws = 4000;
         let mut scatter = Matrix3::zeros();
@@ -264,7 +176,7 @@ mod tests {
                 let unit: f64 = StandardNormal.sample(&mut stream);
                 angle + unit * (1e-4 * angle.abs()).sqrt()
             });
-            let pose = odometry.increment(Stamp::default(), Stamp::default(), &drawn, 0.0).unwrap().start_from_end;
+            let pose = odometry.increment(Stamp::default(), Stamp::default(), &drawn, &[]).unwrap().start_from_end;
             let error = pose.minus(&mean.start_from_end);
             scatter += error * error.transpose() / f64::from(draws);
         }
@@ -286,7 +198,7 @@ mod tests {
             for i in 0..=steps {
                 let stamp = Stamp::from_seconds(i as f64 * 10.0 / steps as f64);
                 let ticks = [40_000 * i / steps, 60_000 * i / steps];
-                if let Some(increment) = odometry.update(stamp, ticks, 0.0).unwrap() {
+                if let Some(increment) = odometry.update(stamp, ticks, []).unwrap() {
                     sum.push(&increment).unwrap();
                 }
             }
@@ -301,16 +213,70 @@ mod tests {
     #[test]
     fn bad_readings_leave_the_reference_as_it_was() {
         let mut odometry = odometry();
-        odometry.update(Stamp::from_seconds(1.0), [0, 0], 0.0).unwrap();
+        odometry.update(Stamp::from_seconds(1.0), [0, 0], []).unwrap();
         let before = odometry;
-        assert!(matches!(odometry.update(Stamp::from_seconds(0.5), [1, 1], 0.0), Err(Error::TimeBackwards { .. })));
-        assert!(odometry.update(Stamp::from_seconds(1.01), [9000, 0], 0.0).is_err());
-        assert!(odometry.update(Stamp::from_seconds(1.01), [1, 1], f64::NAN).is_err());
-        assert!(odometry.increment(Stamp::default(), Stamp::default(), &[f64::INFINITY, 0.0], 0.0).is_err());
+        assert!(matches!(odometry.update(Stamp::from_seconds(0.5), [1, 1], []), Err(Error::TimeBackwards { .. })));
+        assert!(odometry.update(Stamp::from_seconds(1.01), [9000, 0], []).is_err());
+        assert!(odometry.increment(Stamp::default(), Stamp::default(), &[f64::INFINITY, 0.0], &[]).is_err());
         assert_eq!(odometry, before);
         // A repeated stamp with the same counts is no motion, not an error.
-        let still = odometry.update(Stamp::from_seconds(1.0), [0, 0], 0.0).unwrap().unwrap();
+        let still = odometry.update(Stamp::from_seconds(1.0), [0, 0], []).unwrap().unwrap();
         assert_eq!((still.dt(), still.start_from_end), (0.0, Se2::default()));
+    }
+
+    fn crab() -> WheelOdometry<DoubleAckermann, 1, 2> {
+        let carrier = DoubleAckermann::new(DoubleAckermannParams { front: 0.8, rear: 0.5, ..Default::default() });
+        WheelOdometry::new(carrier.unwrap(), EncoderParams::default(), WheelNoise::default()).unwrap()
+    }
+
+    /// A quarter revolution with both axles steered is the arc that the forward kinematics says.
+    #[test]
+    fn both_axles_steer() {
+        let mut odometry = crab();
+        odometry.update(Stamp::default(), [7], [0.0; 2]).unwrap();
+        for (front_steering, rear_steering) in [(0.3, 0.3), (0.4, -0.4), (-0.2, 0.1)] {
+            odometry.reset();
+            odometry.update(Stamp::default(), [0], [0.0; 2]).unwrap();
+            let angles = [front_steering, rear_steering];
+            let motion = odometry.update(Stamp::from_seconds(1.0), [1024], angles).unwrap().unwrap();
+            let wheels = DoubleAckermannWheels { drive: std::f64::consts::FRAC_PI_2, front_steering, rear_steering };
+            let arc = odometry.model().forward(&wheels).integrate(1.0);
+            assert!(motion.start_from_end.minus(&arc).norm() < 1e-12);
+        }
+        let before = odometry;
+        let later = Stamp::from_seconds(1.01);
+        for bad in [f64::NAN, f64::INFINITY] {
+            assert!(odometry.update(later, [1024], [bad, 0.0]).is_err());
+            assert!(odometry.update(later, [1024], [0.0, bad]).is_err());
+        }
+        assert_eq!(odometry, before);
+    }
+
+    /// Errors of the two steering angles are independent: each entry of the covariance within the sampling error of
+    /// 4000 draws.
+    #[test]
+    fn the_covariance_is_that_of_drawn_steering_angles() {
+        let mut odometry = crab();
+        odometry.noise =
+            WheelNoise { angle_variance_per_radian: 0.0, steering_sigma: 0.01, lateral_variance_per_metre: 0.0 };
+        let (rolled, steering) = ([5.0], [0.4, -0.2]);
+        let mean = odometry.increment(Stamp::default(), Stamp::default(), &rolled, &steering).unwrap();
+        let mut stream = Seed(6).stream(0, 0);
+        let mut scatter = Matrix3::zeros();
+        for _ in 0..4000 {
+            let drawn = steering.map(|angle| {
+                let unit: f64 = StandardNormal.sample(&mut stream);
+                angle + 0.01 * unit
+            });
+            let pose = odometry.increment(Stamp::default(), Stamp::default(), &rolled, &drawn).unwrap().start_from_end;
+            let error = pose.minus(&mean.start_from_end);
+            scatter += error * error.transpose() / 4000.0;
+        }
+        // Standard error of a variance is sqrt(2 / n) = 2.2 %; four of them, and the curvature of the model.
+        let scale = |i: usize, j: usize| (mean.covariance[(i, i)] * mean.covariance[(j, j)]).sqrt();
+        for (i, j) in [(0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)] {
+            assert!((scatter[(i, j)] - mean.covariance[(i, j)]).abs() < 0.1 * scale(i, j), "{i} {j}");
+        }
     }
 
     #[test]

@@ -1,6 +1,12 @@
 //! Where am I.
 
-use crate::{Error, geometry::LieGroup, odometry::MotionIncrement, time::Stamp};
+use super::LocalizationStatus;
+use crate::{
+    Error,
+    geometry::{LieGroup, UncertainPose},
+    odometry::MotionIncrement,
+    time::Stamp,
+};
 
 /// What is known of the pose before the first observation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -15,24 +21,22 @@ use crate::{Error, geometry::LieGroup, odometry::MotionIncrement, time::Stamp};
 #[non_exhaustive]
 pub enum PoseBelief<G: LieGroup> {
     /// Near a pose: a Gaussian in the tangent space of `map_from_base`.
-    Around {
-        /// Its mean.
-        map_from_base: G,
-        /// Its covariance, in the base frame.
-        covariance: G::Matrix,
-    },
+    Around(UncertainPose<G>),
     /// Anywhere in the map where the vehicle can stand.
     Anywhere,
 }
 
 impl<G: LieGroup> PoseBelief<G> {
     /// A Gaussian around `map_from_base` whose covariance is in the base frame.
-    pub const fn around(map_from_base: G, covariance: G::Matrix) -> Self {
-        Self::Around { map_from_base, covariance }
+    ///
+    /// # Errors
+    /// What [`UncertainPose::new`] refuses: numbers that are not finite, or a matrix that is not a covariance.
+    pub fn around(map_from_base: G, covariance: G::Matrix) -> Result<Self, Error> {
+        Ok(Self::Around(UncertainPose::new(map_from_base, covariance)?))
     }
 }
 
-/// A pose with its uncertainty.
+/// Where a vehicle is, how surely, and when.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(
     feature = "serde",
@@ -43,10 +47,8 @@ impl<G: LieGroup> PoseBelief<G> {
     ))
 )]
 pub struct PoseEstimate<G: LieGroup> {
-    /// Best pose of the vehicle in the map.
-    pub map_from_base: G,
-    /// Covariance of the right increment, that is in the base frame, translation first (m², m rad, rad²).
-    pub covariance: G::Matrix,
+    /// Best pose of the vehicle in the map, with the covariance of its right increment.
+    pub pose: UncertainPose<G>,
     /// The time that the pose refers to: the end of the last motion, or the time of the first observation if there was no
     /// motion yet. None before the first of them that has a time.
     pub stamp: Option<Stamp>,
@@ -54,8 +56,18 @@ pub struct PoseEstimate<G: LieGroup> {
 
 impl<G: LieGroup> PoseEstimate<G> {
     /// An estimate that refers to no known time.
-    pub const fn new(map_from_base: G, covariance: G::Matrix) -> Self {
-        Self { map_from_base, covariance, stamp: None }
+    pub const fn new(pose: UncertainPose<G>) -> Self {
+        Self { pose, stamp: None }
+    }
+
+    /// Best pose of the vehicle in the map.
+    pub const fn map_from_base(&self) -> &G {
+        self.pose.mean()
+    }
+
+    /// Covariance of the right increment, that is in the base frame, translation first (m², m rad, rad²).
+    pub const fn covariance(&self) -> &G::Matrix {
+        self.pose.covariance()
     }
 }
 
@@ -77,6 +89,13 @@ pub struct UpdateReport {
     pub explained: Option<f64>,
     /// Normalised innovation squared.
     pub nis: Option<f64>,
+}
+
+impl UpdateReport {
+    /// The report of a player that knows which share of the readings its belief explains.
+    pub fn explaining(share: f64) -> Self {
+        Self { explained: Some(share), ..Self::default() }
+    }
 }
 
 /// Why an observation was not applied.
@@ -127,44 +146,48 @@ pub enum LocalizationError {
 ///
 /// - [`initialize`](Self::initialize) replaces the belief; it may be called again at any time.
 /// - [`predict`](Self::predict) composes the belief with a motion and never makes it more certain.
-/// - [`estimate`](Self::estimate) can be asked at any time. Before the first `initialize` it is the identity with
-///   infinite variances: nothing is known.
+/// - [`estimate`](Self::estimate) and [`status`](Self::status) can be asked at any time.
 ///
 /// Observations come through [`Correct`], one implementation per kind.
 ///
 /// ```
-/// use agv_core::geometry::{LieGroup, Se2};
+/// use agv_core::geometry::{Se2, UncertainPose};
 /// use agv_core::nalgebra::Matrix3;
 /// use agv_core::odometry::OdometryIncrement;
-/// use agv_core::roles::{LocalizationError, Localizer, PoseBelief, PoseEstimate};
+/// use agv_core::roles::*;
 ///
-/// /// Dead reckoning with a known start.
-/// struct DeadReckoning(PoseEstimate<Se2>);
+/// /// Dead reckoning from a known start.
+/// struct DeadReckoning { known: Option<PoseEstimate<Se2>>, monitor: StatusMonitor }
 ///
 /// impl Localizer for DeadReckoning {
 ///     type Pose = Se2;
 ///     fn initialize(&mut self, belief: &PoseBelief<Se2>) -> Result<(), LocalizationError> {
-///         if let PoseBelief::Around { map_from_base, covariance } = *belief {
-///             self.0 = PoseEstimate::new(map_from_base, covariance);
+///         if let PoseBelief::Around(pose) = belief {
+///             self.known = Some(PoseEstimate::new(*pose));
+///             self.monitor.initialized(pose);
 ///         }
 ///         Ok(())
 ///     }
 ///     fn predict(&mut self, odometry: &OdometryIncrement) -> Result<(), LocalizationError> {
-///         let back = odometry.start_from_end.inverse().adjoint();
-///         self.0.map_from_base = self.0.map_from_base * odometry.start_from_end;
-///         self.0.stamp = Some(odometry.end);
-///         self.0.covariance = back * self.0.covariance * back.transpose() + odometry.covariance;
+///         let known = self.known.as_mut().ok_or(LocalizationError::NotInitialized)?;
+///         let motion = UncertainPose::new(odometry.start_from_end, odometry.covariance)?;
+///         *known = PoseEstimate { pose: known.pose.compose(&motion), stamp: Some(odometry.end) };
+///         self.monitor.moved(&known.pose);
 ///         Ok(())
 ///     }
-///     fn estimate(&self) -> PoseEstimate<Se2> {
-///         self.0
+///     fn estimate(&self) -> Option<PoseEstimate<Se2>> {
+///         self.known
+///     }
+///     fn status(&self) -> LocalizationStatus {
+///         self.monitor.status()
 ///     }
 /// }
 ///
-/// let mut localizer: Box<dyn Localizer<Pose = Se2> + Send> =
-///     Box::new(DeadReckoning(PoseEstimate::new(Se2::identity(), Matrix3::zeros())));
-/// localizer.initialize(&PoseBelief::around(Se2::new(1.0, 0.0, 0.0), Matrix3::identity() * 0.01))?;
-/// assert_eq!(localizer.estimate().map_from_base.x(), 1.0);
+/// let monitor = StatusMonitor::new(StatusParams::default())?;
+/// let mut localizer: Box<dyn Localizer<Pose = Se2> + Send> = Box::new(DeadReckoning { known: None, monitor });
+/// assert_eq!(localizer.estimate(), None);
+/// localizer.initialize(&PoseBelief::around(Se2::new(1.0, 0.0, 0.0), Matrix3::identity() * 0.01)?)?;
+/// assert_eq!(localizer.estimate().expect("initialised").map_from_base().x(), 1.0);
 /// # Ok::<(), LocalizationError>(())
 /// ```
 pub trait Localizer {
@@ -174,7 +197,7 @@ pub trait Localizer {
     /// Replaces the belief.
     ///
     /// # Errors
-    /// A mean or covariance that is not finite, a covariance that is not positive semi-definite, or a belief off the map.
+    /// [`LocalizationError::OffMap`], or a belief that the player cannot hold, as its documentation says.
     fn initialize(&mut self, belief: &PoseBelief<Self::Pose>) -> Result<(), LocalizationError>;
 
     /// Moves the belief by what the odometry reports; a localizer in space takes planar odometry
@@ -184,8 +207,13 @@ pub trait Localizer {
     /// [`LocalizationError::NotInitialized`], or a motion that is not finite.
     fn predict(&mut self, odometry: &MotionIncrement<Self::Pose>) -> Result<(), LocalizationError>;
 
-    /// Best pose and its covariance.
-    fn estimate(&self) -> PoseEstimate<Self::Pose>;
+    /// Best pose, its covariance and its time; none before the first [`initialize`](Self::initialize).
+    fn estimate(&self) -> Option<PoseEstimate<Self::Pose>>;
+
+    /// How far that estimate can be trusted: [`LocalizationStatus::Uninitialized`] before the first
+    /// [`initialize`](Self::initialize), and [`LocalizationStatus::Converging`] right after each. A
+    /// [`StatusMonitor`](super::StatusMonitor) derives the rest from spread and explained observations.
+    fn status(&self) -> LocalizationStatus;
 }
 
 /// A localizer that an observation `Z` corrects: a scan, a marker, a cloud.
@@ -197,6 +225,9 @@ pub trait Correct<Z: ?Sized>: Localizer {
     /// The observation refers to its own stamp, the belief to the end of the last motion. A player either compensates for
     /// the motion between the two, or treats the observation as taken at the end of the last motion; its documentation
     /// says which. Callers of the latter predict up to the observation's stamp first.
+    ///
+    /// Each sensor counts for itself: an observation is not skipped for little motion because that of another
+    /// sensor, seen from the same place, was applied.
     ///
     /// # Errors
     /// [`LocalizationError::NotInitialized`], or an observation that cannot be one (a reading without meaning is

@@ -11,23 +11,27 @@
 //!
 //! [`laws`] holds the tests that every player of a role must pass.
 
+mod alignment;
 mod controller;
 mod global_planner;
 pub mod laws;
 mod local_planner;
+mod localization_status;
 mod localizer;
 mod registration;
 mod scan_matcher;
 mod tracker;
 
+pub use alignment::{Alignment, AlignmentError, Termination};
 pub use controller::{ControlError, Controller};
 pub use global_planner::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome};
 pub use local_planner::{
     BlockReason, LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner, VehicleState,
 };
+pub use localization_status::{Doubt, LocalizationStatus, StatusMonitor, StatusParams};
 pub use localizer::{
     Correct, LocalizationError, Localizer, PoseBelief, PoseEstimate, SkipReason, UpdateOutcome, UpdateReport,
 };
-pub use registration::{Alignment, LidarOdometry, LidarOdometryStep, Registration, RegistrationError, Termination};
-pub use scan_matcher::{ScanMatch, ScanMatchError, ScanMatcher};
+pub use registration::{LidarOdometry, LidarOdometryStep, Registration};
+pub use scan_matcher::{ScanMatcher, TargetScan};
 pub use tracker::{PathTracker, TrackCommand, TrackError, TrackStatus};

@@ -1,87 +1,48 @@
 //! Where was this cloud taken, given a target cloud or a map, or the clouds before it.
 
+use super::{Alignment, AlignmentError};
 use crate::{
-    Error,
     geometry::Se3,
     sensors::{PointCloud, PointSource},
 };
-use nalgebra::Matrix6;
-
-/// Why an iteration ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-#[non_exhaustive]
-pub enum Termination {
-    /// The last step was below the tolerance.
-    Converged,
-    /// The iteration limit was reached.
-    IterationLimit,
-    /// No step improved the score any more, though the gradient has not vanished.
-    Stalled,
-    /// Too few points met the target to say anything.
-    TooFewPoints,
-    /// The points leave directions free, and nothing was there to hold them.
-    Degenerate,
-}
-
-/// How a source fits a target.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Alignment {
-    /// Pose of the source in the target frame.
-    pub target_from_source: Se3,
-    /// Information (inverse covariance) of the right increment, translation first.
-    pub information: Matrix6<f64>,
-    /// The method's own score of the result; larger is better.
-    pub score: f64,
-    /// Iterations that were run.
-    pub iterations: usize,
-    /// Why it ended; anything but [`Termination::Converged`] is a result not to rely on.
-    pub termination: Termination,
-}
-
-/// Why a registration refused a call.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum RegistrationError {
-    /// There is no target yet.
-    #[error("the registration has no target yet")]
-    NoTarget,
-    /// A value was refused.
-    #[error(transparent)]
-    Invalid(#[from] Error),
-}
 
 /// Aligns clouds with a target that it holds.
 ///
-/// Points that are not finite are skipped; an empty source is the outcome [`Termination::TooFewPoints`] at the guess.
+/// Points that are not finite are skipped; a source without usable points is the outcome
+/// [`Alignment::unknown`] at the guess with [`Termination::TooFewPoints`](super::Termination::TooFewPoints).
 ///
 /// ```
-/// use agv_core::{geometry::Se3, roles::{Registration, Termination}, sensors::PointSource};
+/// use agv_core::{geometry::Se3, roles::{Alignment, Registration}, sensors::PointSource};
 ///
-/// /// Takes the first guess that converges: multi-start over any registration.
-/// fn first_converged(method: &mut dyn Registration, source: &dyn PointSource, guesses: &[Se3]) -> Option<Se3> {
-///     guesses.iter().find_map(|guess| {
-///         let alignment = method.align(source, guess).ok()?;
-///         (alignment.termination == Termination::Converged).then_some(alignment.target_from_source)
-///     })
+/// /// The best of several guesses: multi-start over any registration.
+/// fn best(method: &mut dyn Registration, source: &dyn PointSource, guesses: &[Se3]) -> Option<Alignment<Se3>> {
+///     let found = guesses.iter().filter_map(|guess| method.align(source, guess).ok());
+///     found.filter(Alignment::converged).max_by(|a, b| a.score.total_cmp(&b.score))
 /// }
 /// ```
 pub trait Registration {
+    /// Replaces the target.
+    ///
+    /// # Errors
+    /// [`Error::Empty`](crate::Error::Empty) or [`Error::TooFew`](crate::Error::TooFew) for a target without enough usable
+    /// points; the last target is then still there.
+    fn set_target(&mut self, target: &dyn PointSource) -> Result<(), AlignmentError>;
+
     /// Best pose of `source` near `guess` (target from source).
     ///
     /// # Errors
-    /// [`RegistrationError::NoTarget`], or a guess that is not finite.
-    fn align(&mut self, source: &dyn PointSource, guess: &Se3) -> Result<Alignment, RegistrationError>;
+    /// [`AlignmentError::NoTarget`], or a guess that is not finite.
+    fn align(&mut self, source: &dyn PointSource, guess: &Se3) -> Result<Alignment<Se3>, AlignmentError>;
 }
 
 /// What a lidar odometry made of one cloud.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct LidarOdometryStep {
-    /// Pose of the vehicle in the frame of its first cloud.
+    /// Pose of the vehicle in the frame of its first cloud: that of the alignment, or a prediction if that failed.
     pub odom_from_base: Se3,
-    /// Information of the right increment, translation first.
-    pub information: Matrix6<f64>,
-    /// Why the matching ended.
-    pub termination: Termination,
+    /// How the cloud met those before it, with the frame of the first cloud as the target and the base as the source; none
+    /// for the first cloud, whose pose is exact.
+    pub alignment: Option<Alignment<Se3>>,
 }
 
 /// Follows a moving lidar, cloud after cloud.
@@ -89,10 +50,10 @@ pub trait LidarOdometry {
     /// Takes the next cloud; `prior` is the motion since the last one where wheels or an IMU know it (pose of the base
     /// now in the base frame of the last cloud).
     ///
-    /// A cloud that cannot be matched moves the pose by the prior, or by constant velocity, and says so in
-    /// [`LidarOdometryStep::termination`].
+    /// A cloud that cannot be matched moves the pose by the prior, or by constant velocity, and says so in the termination
+    /// of its [`alignment`](LidarOdometryStep::alignment).
     ///
     /// # Errors
     /// A prior that is not finite.
-    fn process(&mut self, cloud: &PointCloud, prior: Option<&Se3>) -> Result<LidarOdometryStep, RegistrationError>;
+    fn process(&mut self, cloud: &PointCloud, prior: Option<&Se3>) -> Result<LidarOdometryStep, AlignmentError>;
 }

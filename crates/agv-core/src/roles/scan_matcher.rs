@@ -1,62 +1,50 @@
-//! Where was this scan taken, given a map and a guess.
+//! Where was this scan taken, given other scans or a map, and a guess.
 
-use crate::{Error, geometry::Se2, sensors::LaserScan};
-use nalgebra::{Matrix3, Vector3};
+use super::{Alignment, AlignmentError};
+use crate::{geometry::Se2, sensors::LaserScan};
 
-/// Where a scan fits.
+/// A scan whose pose is known: a part of what others are matched against.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ScanMatch {
-    /// Best pose of the vehicle in the reference frame of the matcher.
-    pub map_from_base: Se2,
-    /// Covariance of the right increment, in the base frame; large along directions that the scan does not see.
-    pub covariance: Matrix3<f64>,
-    /// Quality from 0 (no reading explained) to 1 (all explained).
-    pub score: f64,
-    /// Iterations or candidates that were evaluated.
-    pub iterations: usize,
-    /// Whether the result can be trusted: the search ended by itself, with enough readings explained.
-    pub converged: bool,
-    /// Unit tangent, in the base frame, along which the scan does not fix the pose (a long corridor); none if it is
-    /// fixed in all directions.
-    pub unobserved: Option<Vector3<f64>>,
+pub struct TargetScan<'a> {
+    /// Pose of the vehicle, when the scan was taken, in the frame that poses are sought in.
+    pub target_from_base: Se2,
+    /// The scan.
+    pub scan: &'a LaserScan,
 }
 
-/// Why a matcher refused a call.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[non_exhaustive]
-pub enum ScanMatchError {
-    /// There is nothing to match against yet.
-    #[error("the scan matcher has no reference yet")]
-    NoReference,
-    /// A value was refused.
-    #[error(transparent)]
-    Invalid(#[from] Error),
-}
-
-/// Matches scans against a reference that it holds: a map, a sub-map, or the previous scan.
+/// Matches scans against a target that it holds: the previous scan, a sub-map of several, or a map that it was built with.
 ///
-/// A scan without usable readings gives `converged: false` at the guess, not an error.
+/// The source of the [`Alignment`] is the base frame: scans know where their laser sits. A scan without usable readings
+/// gives [`Alignment::unknown`] at the guess with [`Termination::TooFewPoints`](super::Termination::TooFewPoints), not an
+/// error.
 ///
 /// ```
-/// use agv_core::geometry::Se2;
-/// use agv_core::nalgebra::Matrix3;
-/// use agv_core::roles::{ScanMatch, ScanMatchError, ScanMatcher};
-/// use agv_core::sensors::LaserScan;
+/// use agv_core::{
+///     geometry::Se2,
+///     roles::{AlignmentError, ScanMatcher, TargetScan},
+///     sensors::LaserScan,
+/// };
 ///
-/// /// Trusts the guess: what a matcher is measured against.
-/// struct NoMatcher;
-///
-/// impl ScanMatcher for NoMatcher {
-///     fn match_scan(&mut self, _: &LaserScan, guess: &Se2) -> Result<ScanMatch, ScanMatchError> {
-///         let (covariance, score) = (Matrix3::identity(), 0.0);
-///         Ok(ScanMatch { map_from_base: *guess, covariance, score, iterations: 0, converged: false, unobserved: None })
-///     }
+/// /// The vehicle's motion between two scans, by any matcher; none if they do not match.
+/// fn motion(
+///     matcher: &mut dyn ScanMatcher, first: &LaserScan, second: &LaserScan, guess: &Se2,
+/// ) -> Result<Option<Se2>, AlignmentError> {
+///     matcher.set_target(&[TargetScan { target_from_base: Se2::default(), scan: first }])?;
+///     let found = matcher.match_scan(second, guess)?;
+///     Ok(found.converged().then_some(found.target_from_source))
 /// }
 /// ```
 pub trait ScanMatcher {
-    /// Best pose near `guess`.
+    /// Replaces the target by scans at known poses.
     ///
     /// # Errors
-    /// [`ScanMatchError::NoReference`], or a guess that is not finite.
-    fn match_scan(&mut self, scan: &LaserScan, guess: &Se2) -> Result<ScanMatch, ScanMatchError>;
+    /// [`Error::Empty`](crate::Error::Empty) or [`Error::TooFew`](crate::Error::TooFew) for scans without enough usable
+    /// readings, or a pose that is not finite; the last target is then still there.
+    fn set_target(&mut self, scans: &[TargetScan<'_>]) -> Result<(), AlignmentError>;
+
+    /// Best pose of the base near `guess` (target from base).
+    ///
+    /// # Errors
+    /// [`AlignmentError::NoTarget`], or a guess that is not finite.
+    fn match_scan(&mut self, scan: &LaserScan, guess: &Se2) -> Result<Alignment<Se2>, AlignmentError>;
 }

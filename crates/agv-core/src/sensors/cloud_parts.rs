@@ -24,7 +24,7 @@ fn select<T: Copy>(from: &[T], indices: &[usize], out: &mut Vec<T>) {
 }
 
 impl PointCloud {
-    /// Drops all points; stamp, mount, channels and memory stay.
+    /// Drops all points; stamp, sensor, mount, channels and memory stay.
     pub fn clear(&mut self) {
         self.x.clear();
         self.y.clear();
@@ -38,7 +38,7 @@ impl PointCloud {
     ///
     /// Coordinates are taken as they are: the caller sees to it that both clouds are in one frame
     /// ([`transform`](Self::transform)). Times are counted from this cloud's stamp afterwards. A cloud without points
-    /// takes over the other's stamp, mount and channels.
+    /// takes over the other's stamp, sensor, mount and channels.
     ///
     /// ```
     /// use agv_core::sensors::PointCloud;
@@ -85,7 +85,7 @@ impl PointCloud {
     }
 
     /// Writes the points at `indices`, in that order and as often as they are named, to another cloud, with stamp,
-    /// mount and all channels; its memory is reused. Linear in the indices.
+    /// sensor, mount and all channels; its memory is reused. Linear in the indices.
     ///
     /// # Errors
     /// [`Error::OutOfRange`] names the first index that is no point; `out` is then as it was.
@@ -94,7 +94,7 @@ impl PointCloud {
             let max = self.len() as f64 - 1.0;
             return Err(Error::OutOfRange { name: "index", value: index as f64, min: 0.0, max });
         }
-        (out.stamp, out.base_from_sensor) = (self.stamp, self.base_from_sensor);
+        (out.stamp, out.sensor, out.base_from_sensor) = (self.stamp, self.sensor, self.base_from_sensor);
         select(&self.x, indices, &mut out.x);
         select(&self.y, indices, &mut out.y);
         select(&self.z, indices, &mut out.z);
@@ -108,13 +108,17 @@ impl PointCloud {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{geometry::Se3, sensors::LidarReturn, time::Stamp};
+    use crate::{
+        geometry::Se3,
+        sensors::{LidarReturn, SensorId},
+        time::Stamp,
+    };
     use nalgebra::Vector3;
 
     /// Every channel of a point carries its number, so that a mix-up shows.
     fn numbered(numbers: std::ops::Range<u16>, stamp: f64) -> PointCloud {
         let mount = Se3::from_parts(Vector3::new(0.0, 0.0, stamp), crate::geometry::So3::default());
-        let mut cloud = PointCloud::default().with_mount(mount).unwrap();
+        let mut cloud = PointCloud::default().with_mount(mount).unwrap().with_sensor(SensorId(stamp as u16));
         cloud.refill(
             Stamp::from_seconds(stamp),
             numbers.map(|i| {

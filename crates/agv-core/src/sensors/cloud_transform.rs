@@ -54,7 +54,7 @@ impl PointCloud {
     /// As [`copy_from`](Self::copy_from), but leaves the time channel as it is: one that is dropped afterwards would be
     /// allocated anew every time.
     pub(super) fn copy_without_time(&mut self, other: &Self) {
-        self.stamp = other.stamp;
+        (self.stamp, self.sensor) = (other.stamp, other.sensor);
         self.base_from_sensor = other.base_from_sensor;
         self.x.clone_from(&other.x);
         self.y.clone_from(&other.y);

@@ -1,5 +1,6 @@
 //! A planar laser scan, with the meaning of every reading stated.
 
+use super::SensorId;
 use crate::{Error, check, geometry::Se2, time::Stamp};
 use nalgebra::Vector2;
 
@@ -9,6 +10,9 @@ use nalgebra::Vector2;
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ScanGeometry {
+    /// Which scanner of the vehicle it is.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub sensor: SensorId,
     /// Pose of the scanner on the vehicle.
     pub base_from_sensor: Se2,
     /// Direction of the first beam in the sensor frame, in radians.
@@ -27,6 +31,7 @@ impl Default for ScanGeometry {
     /// A 270° scanner of 1081 beams and 30 m range, as safety scanners of AGVs have, at the vehicle's origin.
     fn default() -> Self {
         Self {
+            sensor: SensorId::default(),
             base_from_sensor: Se2::default(),
             angle_min: -135_f64.to_radians(),
             angle_increment: 0.25_f64.to_radians(),
@@ -150,6 +155,11 @@ impl LaserScan {
     /// Time of the first beam.
     pub const fn stamp(&self) -> Stamp {
         self.stamp
+    }
+
+    /// Which scanner of the vehicle took it.
+    pub const fn sensor(&self) -> SensorId {
+        self.geometry.sensor
     }
 
     /// How the scanner looks at the world.

@@ -1,4 +1,6 @@
-//! What sensors report: laser scans and point clouds, each with the pose of the sensor on the vehicle.
+//! What sensors report, each with its time, its [`SensorId`] and the pose of the sensor on the vehicle: laser scans and
+//! point clouds, [`ImuSample`], [`MarkerObservation`] and [`LandmarkObservation`], and the poses, positions and velocities
+//! that other systems find. All of them are an [`Observation`].
 //!
 //! Operations on a [`PointCloud`] live in files of their own and keep all channels together: [`VoxelGrid`]
 //! down-samples, [`PointCloud::crop_box`] and its neighbours filter in place, [`PointCloud::transform`] moves,
@@ -9,25 +11,36 @@ mod cloud_filter;
 mod cloud_parts;
 mod cloud_transform;
 mod deskew;
+mod fix;
+mod imu;
+mod landmark;
 mod laser_scan;
+mod marker;
 mod motion;
 mod observation;
+mod origin;
 mod point_cloud;
 mod range_image;
 mod range_reading;
 mod scan_bins;
+mod sensor_id;
 mod time_of_flight;
 mod triangulation;
 mod voxel;
 
 pub use deskew::Deskew;
+pub use fix::{PoseObservation, PositionObservation, VelocityObservation};
+pub use imu::ImuSample;
+pub use landmark::LandmarkObservation;
 pub use laser_scan::{Beam, LaserScan, ScanGeometry};
+pub use marker::MarkerObservation;
 pub use motion::{BodyMotion, ConstantTwist, PoseTrack};
 pub use observation::Observation;
 pub use point_cloud::{LidarReturn, PointCloud, PointSource};
 pub use range_image::{RangeImage, RangeImageParams, RowSource};
 pub use range_reading::RangeReading;
 pub use scan_bins::ScanBins;
+pub use sensor_id::SensorId;
 pub use time_of_flight::{PhaseShift, PhaseShiftParams, PulsedTimeOfFlight, PulsedTimeOfFlightParams};
 pub use triangulation::{Triangulation, TriangulationParams};
 pub use voxel::VoxelGrid;

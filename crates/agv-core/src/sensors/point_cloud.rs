@@ -1,5 +1,6 @@
 //! Point clouds as a structure of arrays.
 
+use super::SensorId;
 use crate::{Error, check, geometry::Se3, time::Stamp};
 use nalgebra::Vector3;
 
@@ -56,6 +57,7 @@ pub struct LidarReturn {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "RawCloud"))]
 pub struct PointCloud {
     pub(super) stamp: Stamp,
+    pub(super) sensor: SensorId,
     pub(super) base_from_sensor: Se3,
     #[cfg_attr(feature = "serde", serde(with = "crate::stored_readings"))]
     pub(super) x: Vec<f32>,
@@ -74,6 +76,8 @@ pub struct PointCloud {
 #[derive(serde::Deserialize)]
 struct RawCloud {
     stamp: Stamp,
+    #[serde(default)]
+    sensor: SensorId,
     base_from_sensor: Se3,
     #[serde(with = "crate::stored_readings")]
     x: Vec<f32>,
@@ -93,7 +97,8 @@ impl TryFrom<RawCloud> for PointCloud {
     type Error = Error;
 
     fn try_from(raw: RawCloud) -> Result<Self, Error> {
-        let mut cloud = Self::new(raw.x, raw.y, raw.z)?.with_stamp(raw.stamp).with_mount(raw.base_from_sensor)?;
+        let cloud = Self::new(raw.x, raw.y, raw.z)?.with_stamp(raw.stamp).with_sensor(raw.sensor);
+        let mut cloud = cloud.with_mount(raw.base_from_sensor)?;
         if let Some(intensity) = raw.intensity {
             cloud = cloud.with_intensity(intensity)?;
         }
@@ -133,6 +138,13 @@ impl PointCloud {
     #[must_use]
     pub fn with_stamp(mut self, stamp: Stamp) -> Self {
         self.stamp = stamp;
+        self
+    }
+
+    /// The same cloud, from this sensor of the vehicle.
+    #[must_use]
+    pub const fn with_sensor(mut self, sensor: SensorId) -> Self {
+        self.sensor = sensor;
         self
     }
 
@@ -177,7 +189,7 @@ impl PointCloud {
         Ok(self)
     }
 
-    /// Replaces stamp and points, and gives the cloud all optional channels; keeps the mount and the memory.
+    /// Replaces stamp and points, and gives the cloud all optional channels; keeps sensor, mount and memory.
     pub fn refill(&mut self, stamp: Stamp, returns: impl IntoIterator<Item = LidarReturn>) {
         self.stamp = stamp;
         let intensity = self.intensity.get_or_insert_default();
@@ -202,6 +214,11 @@ impl PointCloud {
     /// Time of the first point.
     pub const fn stamp(&self) -> Stamp {
         self.stamp
+    }
+
+    /// Which sensor of the vehicle took it.
+    pub const fn sensor(&self) -> SensorId {
+        self.sensor
     }
 
     /// Pose of the sensor on the vehicle.
@@ -272,12 +289,13 @@ mod tests {
     #[test]
     fn a_refilled_cloud_keeps_its_memory_and_its_mount() {
         let mount = Se3::from_parts(Vector3::new(0.0, 0.0, 2.0), crate::geometry::So3::default());
-        let mut cloud = PointCloud::default().with_mount(mount).unwrap();
+        let mut cloud = PointCloud::default().with_mount(mount).unwrap().with_sensor(SensorId(2));
         let echo = LidarReturn { ring: 3, time: 0.1, ..Default::default() };
         cloud.refill(Stamp::from_seconds(1.0), vec![echo; 50]);
         let memory = cloud.x().as_ptr();
         cloud.refill(Stamp::from_seconds(2.0), vec![echo; 20]);
-        assert_eq!((cloud.len(), cloud.stamp(), cloud.base_from_sensor()), (20, Stamp::from_seconds(2.0), mount));
+        assert_eq!((cloud.len(), cloud.stamp()), (20, Stamp::from_seconds(2.0)));
+        assert_eq!((cloud.base_from_sensor(), cloud.sensor()), (mount, SensorId(2)));
         assert_eq!((cloud.ring(), cloud.time()), (Some(&[3_u16; 20][..]), Some(&[0.1_f32; 20][..])));
         assert_eq!(cloud.x().as_ptr(), memory);
     }

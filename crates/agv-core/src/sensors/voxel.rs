@@ -68,8 +68,7 @@ impl VoxelGrid {
     ///
     /// Points with a coordinate that is not finite, or more than 2²⁰ voxels from the origin, are dropped.
     pub fn filter_into(&mut self, cloud: &PointCloud, out: &mut PointCloud) {
-        out.stamp = cloud.stamp;
-        out.base_from_sensor = cloud.base_from_sensor;
+        (out.stamp, out.sensor, out.base_from_sensor) = (cloud.stamp, cloud.sensor, cloud.base_from_sensor);
         let mut ring = restart(&mut out.ring, cloud.ring.as_ref());
         let mut time = restart(&mut out.time, cloud.time.as_ref());
         self.sums.clear();

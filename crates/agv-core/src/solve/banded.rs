@@ -69,6 +69,16 @@ impl BandedMatrix {
         self.columns.get_mut(column * (self.half_bandwidth + 1) + below)
     }
 
+    /// A diagonal entry; zero outside of the matrix.
+    pub(super) fn diagonal(&self, row: usize) -> f64 {
+        self.columns.get(row * (self.half_bandwidth + 1)).copied().unwrap_or(0.0)
+    }
+
+    /// All stored entries.
+    pub(super) fn entries(&self) -> &[f64] {
+        &self.columns
+    }
+
     /// `y = A x`.
     ///
     /// # Errors
@@ -124,15 +134,21 @@ impl BandedCholesky {
     /// # Errors
     /// As [`factor`](Self::factor).
     pub fn factor_damped(&mut self, matrix: &BandedMatrix, damping: f64) -> Result<(), Error> {
+        self.factor_shifted(matrix, |_| damping)
+    }
+
+    /// Factors `A` with something added to each diagonal entry.
+    pub(super) fn factor_shifted(&mut self, matrix: &BandedMatrix, shift: impl Fn(usize) -> f64) -> Result<(), Error> {
         self.ready = false;
         (self.dimension, self.half_bandwidth) = (matrix.dimension, matrix.half_bandwidth);
         let width = self.half_bandwidth + 1;
         self.stride = if width <= 16 { width.next_multiple_of(4) } else { width };
         self.columns.clear();
         self.columns.resize((self.dimension + self.stride) * self.stride, 0.0);
-        for (to, from) in self.columns.chunks_exact_mut(self.stride).zip(matrix.columns.chunks_exact(width)) {
+        let columns = self.columns.chunks_exact_mut(self.stride).zip(matrix.columns.chunks_exact(width));
+        for (row, (to, from)) in columns.enumerate() {
             to[..width].copy_from_slice(from);
-            to[0] += damping;
+            to[0] += shift(row);
         }
         match self.stride {
             4 => eliminate_unrolled::<4>(&mut self.columns, self.dimension),
@@ -145,7 +161,7 @@ impl BandedCholesky {
         // What elimination leaves of a singular matrix is rounding of the size of its diagonal.
         for (row, (l, a)) in self.columns.chunks_exact(self.stride).zip(matrix.columns.chunks_exact(width)).enumerate()
         {
-            let (pivot, size) = (1.0 / l[0], a[0].abs() + damping);
+            let (pivot, size) = (1.0 / l[0], a[0].abs() + shift(row));
             if pivot <= 4.0 * f64::EPSILON * size {
                 return Err(Error::Singular { name: "banded matrix", row, pivot });
             }

@@ -1,4 +1,5 @@
-//! Levenberg–Marquardt: nonlinear least squares in a few unknowns, also on manifolds.
+//! Levenberg–Marquardt: nonlinear least squares, also on manifolds, in a few unknowns or in many that hang together in a
+//! structure ([`NormalSystem`]).
 //!
 //! Minimises `F(x) = ½ Σ wᵢ |rᵢ(x)|²`. Each step solves `(H + λ S) δ = -g` with `H = Σ wᵢ JᵢᵀJᵢ`, `g = Σ wᵢ Jᵢᵀ rᵢ` and
 //! `S` the greatest diagonal of `H` met so far (Moré 1978), so that unknowns may differ in unit. The damping `λ` follows
@@ -10,8 +11,9 @@
 //!                                                 else:   λ ← λ ν,  ν ← 2 ν
 //! ```
 
+use super::{NormalEquations, NormalSystem};
 use crate::{Error, check};
-use nalgebra::{SMatrix, SVector};
+use nalgebra::SVector;
 
 /// A least-squares problem in `N` unknowns around a state of any type.
 ///
@@ -31,30 +33,40 @@ pub trait LeastSquares<const N: usize> {
     fn retract(&self, state: &Self::State, step: &SVector<f64, N>) -> Self::State;
 }
 
-/// Sums that residuals are accumulated in.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct NormalEquations<const N: usize> {
-    /// `Σ w JᵀJ`.
-    pub hessian: SMatrix<f64, N, N>,
-    /// `Σ w Jᵀr`.
-    pub gradient: SVector<f64, N>,
-    /// `½ Σ w rᵀr`.
-    pub cost: f64,
+/// A least-squares problem of any structure and size: the sums are those of `S`.
+pub trait StructuredLeastSquares<S: NormalSystem> {
+    /// What is sought: a band of poses, a graph. `clone_from` should keep its memory, as that of a `Vec` does.
+    type State: Clone;
+
+    /// Adds every residual at `state` with its Jacobian to the sums, which come in empty.
+    fn linearize(&mut self, state: &Self::State, system: &mut S);
+
+    /// The cost at `state`, with the very weights and kernels of [`linearize`](Self::linearize).
+    fn cost(&mut self, state: &Self::State) -> f64;
+
+    /// Makes `trial` the state `state ⊕ step`; it comes in with some state of the same problem, whose memory serves.
+    fn retract_into(&self, state: &Self::State, step: &[f64], trial: &mut Self::State);
 }
 
-impl<const N: usize> NormalEquations<N> {
-    /// Empty sums.
-    pub fn zeros() -> Self {
-        Self { hessian: SMatrix::zeros(), gradient: SVector::zeros(), cost: 0.0 }
+/// A small dense problem in the clothes of a structured one.
+struct Dense<'a, P>(&'a mut P);
+
+impl<const N: usize, P: LeastSquares<N>> StructuredLeastSquares<NormalEquations<N>> for Dense<'_, P> {
+    type State = P::State;
+
+    #[inline]
+    fn linearize(&mut self, state: &P::State, normal: &mut NormalEquations<N>) {
+        self.0.linearize(state, normal);
     }
 
-    /// Adds a residual with `M` entries, its Jacobian and its weight.
     #[inline]
-    pub fn add<const M: usize>(&mut self, residual: &SVector<f64, M>, jacobian: &SMatrix<f64, M, N>, weight: f64) {
-        let weighted = jacobian.transpose() * weight;
-        self.hessian += weighted * jacobian;
-        self.gradient += weighted * residual;
-        self.cost += 0.5 * weight * residual.norm_squared();
+    fn cost(&mut self, state: &P::State) -> f64 {
+        self.0.cost(state)
+    }
+
+    #[inline]
+    fn retract_into(&self, state: &P::State, step: &[f64], trial: &mut P::State) {
+        *trial = self.0.retract(state, &SVector::from_column_slice(step));
     }
 }
 
@@ -117,13 +129,45 @@ pub struct Minimum<S, const N: usize> {
     pub termination: LeastSquaresTermination,
 }
 
+impl LeastSquaresTermination {
+    /// Whether it is the end at a minimum.
+    pub const fn converged(self) -> bool {
+        matches!(self, Self::Gradient | Self::Cost | Self::Step)
+    }
+}
+
 impl<S, const N: usize> Minimum<S, N> {
     /// Whether it ended at a minimum.
     pub const fn converged(&self) -> bool {
-        matches!(
-            self.termination,
-            LeastSquaresTermination::Gradient | LeastSquaresTermination::Cost | LeastSquaresTermination::Step
-        )
+        self.termination.converged()
+    }
+}
+
+/// How a structured problem came to its end; the state and the sums are where they were given.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LeastSquaresReport {
+    /// The least cost that was met.
+    pub cost: f64,
+    /// Steps tried.
+    pub iterations: usize,
+    /// Why it ended.
+    pub termination: LeastSquaresTermination,
+}
+
+/// The memory of structured problems, which serves one after the other.
+#[derive(Debug, Clone)]
+pub struct LeastSquaresWorkspace<S, T> {
+    /// The sums: to be given the problem's size before it is solved, and at the end those at the minimum.
+    pub system: S,
+    trial: T,
+    scale: Vec<f64>,
+    step: Vec<f64>,
+}
+
+impl<S, T> LeastSquaresWorkspace<S, T> {
+    /// A workspace around sums; `state` is any state of the problem, whose memory it will use.
+    pub const fn new(system: S, state: T) -> Self {
+        Self { system, trial: state, scale: Vec::new(), step: Vec::new() }
     }
 }
 
@@ -193,46 +237,81 @@ impl LevenbergMarquardt {
         problem: &mut P,
         start: P::State,
     ) -> Result<Minimum<P::State, N>, Error> {
-        let params = &self.params;
-        let (mut state, mut normal) = (start, NormalEquations::zeros());
-        linearize(problem, &state, &mut normal)?;
-        let mut scale = SVector::<f64, N>::zeros();
+        let (mut state, mut trial, mut normal) = (start.clone(), start, NormalEquations::zeros());
+        let (mut scale, mut step) = ([0.0; N], [0.0; N]);
+        let memory = Memory { trial: &mut trial, scale: &mut scale, step: &mut step };
+        let (iterations, termination) = self.descend(&mut Dense(problem), &mut state, &mut normal, memory)?;
+        Ok(Minimum { state, normal, iterations, termination })
+    }
+
+    /// Walks from `state` down to a minimum of a problem of any structure. Allocates nothing once the workspace has met a
+    /// problem of this size.
+    ///
+    /// # Errors
+    /// As [`minimize`](Self::minimize), and [`Error::OutOfRange`] for a residual that the structure has no place for;
+    /// `state` is then the last one whose sums were good.
+    pub fn minimize_structured<S: NormalSystem, P: StructuredLeastSquares<S>>(
+        &self,
+        problem: &mut P,
+        state: &mut P::State,
+        workspace: &mut LeastSquaresWorkspace<S, P::State>,
+    ) -> Result<LeastSquaresReport, Error> {
+        let LeastSquaresWorkspace { system, trial, scale, step } = workspace;
+        for vector in [&mut *scale, &mut *step] {
+            vector.clear();
+            vector.resize(system.dimension(), 0.0);
+        }
+        trial.clone_from(state);
+        let memory = Memory { trial, scale, step };
+        let (iterations, termination) = self.descend(problem, state, system, memory)?;
+        Ok(LeastSquaresReport { cost: system.cost(), iterations, termination })
+    }
+
+    fn descend<S: NormalSystem, P: StructuredLeastSquares<S>>(
+        &self,
+        problem: &mut P,
+        state: &mut P::State,
+        system: &mut S,
+        memory: Memory<'_, P::State>,
+    ) -> Result<(usize, LeastSquaresTermination), Error> {
+        let (params, Memory { trial, scale, step }) = (&self.params, memory);
+        linearize(problem, state, system)?;
         let (mut damping, mut growth, mut iterations) = (params.initial_damping, 2.0, 0);
         // What the first step from the present state promised: heavier damping promises less, and means nothing.
         let (mut best_promise, mut longest_step) = (0.0_f64, 0.0_f64);
 
         let termination = loop {
-            scale = scale.zip_map(&normal.hessian.diagonal(), f64::max);
-            if gradient_cosine(&normal) <= params.gradient_tolerance {
+            for (i, scale) in scale.iter_mut().enumerate() {
+                *scale = scale.max(system.diagonal(i));
+            }
+            if gradient_cosine(system) <= params.gradient_tolerance {
                 break LeastSquaresTermination::Gradient;
             }
             if iterations >= params.max_iterations {
                 break LeastSquaresTermination::MaxIterations;
             }
             iterations += 1;
-            let mut damped = normal.hessian;
-            for i in 0..N {
-                // An unknown that no residual depends on yet stays where it is.
-                damped[(i, i)] += if scale[i] > 0.0 { damping * scale[i] } else { 1.0 };
-            }
             let mut accepted = false;
-            if let Some(factor) = damped.cholesky() {
-                let step = factor.solve(&-normal.gradient);
-                let promised = 0.5 * step.dot(&(scale.component_mul(&step) * damping - normal.gradient));
-                (best_promise, longest_step) = (best_promise.max(promised), longest_step.max(step.amax()));
-                if best_promise <= params.cost_tolerance * normal.cost {
+            if system.solve_damped(damping, scale, step) {
+                let (mut promised, mut length) = (0.0, 0.0_f64);
+                for ((step, scale), gradient) in step.iter().zip(&*scale).zip(system.gradient()) {
+                    promised += 0.5 * step * (damping * scale * step - gradient);
+                    length = length.max(step.abs());
+                }
+                (best_promise, longest_step) = (best_promise.max(promised), longest_step.max(length));
+                let cost = system.cost();
+                if best_promise <= params.cost_tolerance * cost {
                     break LeastSquaresTermination::Cost;
                 }
-                let trial = problem.retract(&state, &step);
-                let gained = normal.cost - problem.cost(&trial);
-                let gain = gained / promised;
+                problem.retract_into(state, step, trial);
+                let gain = (cost - problem.cost(trial)) / promised;
                 if gain > 0.0 && gain.is_finite() {
-                    state = trial;
-                    linearize(problem, &state, &mut normal)?;
+                    std::mem::swap(state, trial);
+                    linearize(problem, state, system).inspect_err(|_| std::mem::swap(state, trial))?;
                     damping = (damping * (1.0 - (2.0 * gain - 1.0).powi(3)).max(1.0 / 3.0)).max(f64::MIN_POSITIVE);
                     (growth, best_promise, longest_step, accepted) = (2.0, 0.0, 0.0, true);
                 }
-                if step.amax() <= params.step_tolerance {
+                if length <= params.step_tolerance {
                     break LeastSquaresTermination::Step;
                 }
             }
@@ -241,37 +320,43 @@ impl LevenbergMarquardt {
                 growth *= 2.0;
                 if damping > MAX_DAMPING {
                     // At a perfect fit the cost itself is rounding, and so is the step.
-                    let at_rest = best_promise <= ROUNDING * normal.cost || longest_step <= 1e-13;
+                    let at_rest = best_promise <= ROUNDING * system.cost() || longest_step <= 1e-13;
                     break if at_rest { LeastSquaresTermination::Cost } else { LeastSquaresTermination::Stalled };
                 }
             }
         };
-        Ok(Minimum { state, normal, iterations, termination })
+        Ok((iterations, termination))
     }
 }
 
-fn linearize<const N: usize, P: LeastSquares<N>>(
+/// What a descent writes in beside the state and the sums.
+struct Memory<'a, T> {
+    trial: &'a mut T,
+    scale: &'a mut [f64],
+    step: &'a mut [f64],
+}
+
+#[inline]
+fn linearize<S: NormalSystem, P: StructuredLeastSquares<S>>(
     problem: &mut P,
     state: &P::State,
-    normal: &mut NormalEquations<N>,
+    system: &mut S,
 ) -> Result<(), Error> {
-    *normal = NormalEquations::zeros();
-    problem.linearize(state, normal);
-    check::finite("cost", normal.cost)?;
-    check::all_finite("gradient", normal.gradient.iter())?;
-    check::all_finite("hessian", normal.hessian.iter())
+    system.clear();
+    problem.linearize(state, system);
+    system.check()
 }
 
 /// Greatest `|Jᵢᵀ r| / (|Jᵢ| |r|)` over the unknowns: how far the residuals are from orthogonal to the columns of the
 /// Jacobian, whatever the units. Zero at a perfect fit.
-fn gradient_cosine<const N: usize>(normal: &NormalEquations<N>) -> f64 {
-    let residual = (2.0 * normal.cost).sqrt();
-    (0..N)
-        .map(|i| {
-            let size = normal.hessian[(i, i)].sqrt() * residual;
-            if size > 0.0 { normal.gradient[i].abs() / size } else { 0.0 }
-        })
-        .fold(0.0, f64::max)
+#[inline]
+fn gradient_cosine(system: &impl NormalSystem) -> f64 {
+    let residual = (2.0 * system.cost()).sqrt();
+    let cosine = |(i, gradient): (usize, &f64)| {
+        let size = system.diagonal(i).sqrt() * residual;
+        if size > 0.0 { gradient.abs() / size } else { 0.0 }
+    };
+    system.gradient().iter().enumerate().map(cosine).fold(0.0, f64::max)
 }
 
 #[cfg(test)]

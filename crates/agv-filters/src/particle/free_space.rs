@@ -1,20 +1,20 @@
 //! Where the vehicle can stand: what global initialisation draws from.
 
 use agv_core::{
-    Error,
+    Error, check,
     geometry::Se2,
-    grid::{Cell, CellState, Grid, GridLayout},
+    grid::{Cell, CellState, Components, Connectivity, CornerRule, DistanceTransform, Grid, GridLayout},
 };
 use nalgebra::Vector2;
 use rand::{Rng, RngExt};
 use std::f64::consts::PI;
 use std::sync::Arc;
 
-/// The free cells of a map, to draw poses from.
+/// Where the middle of a vehicle can be, to draw poses from: the free cells of a map with room around them.
 ///
 /// Cheap to clone: the cells are shared. Maps often show ground as free that no vehicle can reach (outside the walls,
-/// inside a pillar): [`connected_to`](Self::connected_to) keeps to what is connected with a place, [`largest`](Self::largest) to the
-/// largest connected area.
+/// inside a pillar, a gap behind a shelf): [`reached_from`](Self::reached_from) keeps to what a vehicle of that size can
+/// reach from a place, [`largest`](Self::largest) to the largest connected area.
 ///
 /// ```
 /// use agv_core::compute::Seed;
@@ -22,68 +22,76 @@ use std::sync::Arc;
 /// use agv_core::grid::{Cell, CellState, Grid, GridLayout};
 /// use agv_filters::particle::FreeSpace;
 ///
-/// let mut map = Grid::filled(GridLayout::new(20, 10, 0.1, Se2::default())?, CellState::Unknown);
-/// map.set(Cell::new(3, 4), CellState::Free);
-/// let pose = FreeSpace::new(&map)?.sample(&mut Seed(1).stream(0, 0));
-/// assert_eq!(map.layout().cell_at(&pose.translation()), Some(Cell::new(3, 4)));
+/// // A yard and a room with a door of 0.5 m between them.
+/// let mut map = Grid::filled(GridLayout::new(60, 20, 0.1, Se2::default())?, CellState::Free);
+/// (0..20).filter(|y| !(8..13).contains(y)).for_each(|y| { map.set(Cell::new(20, y), CellState::Occupied); });
+/// let anywhere = FreeSpace::new(&map, 0.1)?.largest();
+/// let in_yard = FreeSpace::new(&map, 0.4)?.largest();
+/// assert!(anywhere.len() > 1000 && in_yard.len() < 800, "a vehicle of 0.8 m does not pass the door");
+/// let pose = in_yard.sample(&mut Seed(1).stream(0, 0));
+/// assert!(pose.x() > 2.1 + 0.3);
 /// # Ok::<(), agv_core::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct FreeSpace {
     layout: GridLayout,
-    /// Indices of the free cells, in increasing order; not empty.
+    /// In metres.
+    radius: f64,
+    /// Indices of the cells, in increasing order; not empty.
     cells: Arc<[u32]>,
 }
 
 impl FreeSpace {
-    /// All free cells of the map.
+    /// The free cells of the map that are farther than `radius` metres from every occupied one, between centres.
+    ///
+    /// The largest circle around the middle of the vehicle that it covers is the radius for a vehicle that may stand at any
+    /// heading: [`Footprint::inscribed_radius`](agv_core::grid::Footprint::inscribed_radius). Zero asks for no room.
     ///
     /// # Errors
-    /// [`Error::Empty`] if there are none.
-    pub fn new(map: &Grid<CellState>) -> Result<Self, Error> {
-        Self::keep(map, |index| map.values().get(index) == Some(&CellState::Free))
-    }
-
-    /// The free cells that are connected, over edges, with the one at a map point.
-    ///
-    /// # Errors
-    /// [`Error::OutsideGrid`] if the point is not in a free cell of the map.
-    pub fn connected_to(map: &Grid<CellState>, point: &Vector2<f64>) -> Result<Self, Error> {
-        let outside = Error::OutsideGrid { x: point.x, y: point.y };
-        let cell = map.layout().cell_at(point).filter(|&cell| map.get(cell) == Some(&CellState::Free));
-        let start = cell.and_then(|cell| map.layout().index(cell)).ok_or(outside)?;
-        let mut area = vec![0; map.layout().len()];
-        flood(map, start, 1, &mut area);
-        Self::keep(map, |index| area[index] == 1)
-    }
-
-    /// The largest connected area of free cells.
-    ///
-    /// # Errors
-    /// [`Error::Empty`] if no cell is free.
-    pub fn largest(map: &Grid<CellState>) -> Result<Self, Error> {
-        let mut area = vec![0; map.layout().len()];
-        let (mut best, mut most, mut next) = (0, 0, 1);
-        for start in 0..area.len() {
-            if area[start] == 0 && map.values()[start] == CellState::Free {
-                let count = flood(map, start, next, &mut area);
-                if count > most {
-                    (best, most) = (next, count);
-                }
-                next += 1;
-            }
-        }
-        Self::keep(map, |index| best > 0 && area[index] == best)
-    }
-
-    fn keep(map: &Grid<CellState>, is_kept: impl Fn(usize) -> bool) -> Result<Self, Error> {
-        let cells: Arc<[u32]> =
-            (0..map.layout().len()).filter(|&index| is_kept(index)).map(|index| index as u32).collect();
+    /// [`Error::Empty`] if there are none; a radius that is negative or not finite; a map that is too long for the
+    /// [`DistanceTransform`].
+    pub fn new(map: &Grid<CellState>, radius: f64) -> Result<Self, Error> {
+        check::non_negative("vehicle radius", radius)?;
+        let distance = DistanceTransform::default().compute(map)?;
+        let has_room =
+            |index: usize| map.values()[index] == CellState::Free && f64::from(distance.values()[index]) > radius;
+        let cells: Arc<[u32]> = (0..map.layout().len()).filter(|&i| has_room(i)).map(|i| i as u32).collect();
         if cells.is_empty() {
-            Err(Error::Empty { name: "free space" })
-        } else {
-            Ok(Self { layout: *map.layout(), cells })
+            return Err(Error::Empty { name: "free space" });
         }
+        Ok(Self { layout: *map.layout(), radius, cells })
+    }
+
+    /// The part that can be reached from a map point: the area with the cell nearest to the point. A vehicle may stand
+    /// nearer to a wall than its map shows possible, so that the cell may lie off by the radius and half a metre.
+    ///
+    /// # Errors
+    /// [`Error::OutsideGrid`] if no cell lies that near.
+    pub fn reached_from(&self, point: &Vector2<f64>) -> Result<Self, Error> {
+        let components = self.components();
+        let area = components.nearest(point, self.radius + 0.5);
+        area.map(|area| self.only(&components, area)).ok_or(Error::OutsideGrid { x: point.x, y: point.y })
+    }
+
+    /// The largest connected part.
+    #[must_use]
+    pub fn largest(&self) -> Self {
+        let components = self.components();
+        components.largest().map_or_else(|| self.clone(), |area| self.only(&components, area))
+    }
+
+    /// The cells by what is connected over edges.
+    fn components(&self) -> Components {
+        let mut is_kept = vec![false; self.layout.len()];
+        self.cells.iter().for_each(|&index| is_kept[index as usize] = true);
+        let mut components = Components::default();
+        components.compute(&self.layout, (Connectivity::Four, CornerRule::Never), |index| is_kept[index]);
+        components
+    }
+
+    fn only(&self, components: &Components, area: u32) -> Self {
+        let is_in_area = |index: &u32| components.label_at(*index as usize) == Some(area);
+        Self { cells: self.cells.iter().copied().filter(is_in_area).collect(), ..self.clone() }
     }
 
     /// Size, resolution and pose of the map.
@@ -91,8 +99,8 @@ impl FreeSpace {
         &self.layout
     }
 
-    /// Number of free cells, at least one.
-    #[expect(clippy::len_without_is_empty, reason = "there is at least one free cell")]
+    /// Number of cells, at least one.
+    #[expect(clippy::len_without_is_empty, reason = "there is at least one cell")]
     pub fn len(&self) -> usize {
         self.cells.len()
     }
@@ -105,28 +113,6 @@ impl FreeSpace {
         let point = self.layout.to_map(&within);
         Se2::new(point.x, point.y, PI * (2.0 * stream.random::<f64>() - 1.0))
     }
-}
-
-/// Marks the free cells connected with `start` by `mark`, and counts them.
-fn flood(map: &Grid<CellState>, start: usize, mark: u32, area: &mut [u32]) -> usize {
-    let layout = map.layout();
-    let mut open = vec![start];
-    area[start] = mark;
-    let mut count = 0;
-    while let Some(index) = open.pop() {
-        count += 1;
-        let Cell { x, y } = layout.cell(index);
-        for neighbour in [Cell::new(x + 1, y), Cell::new(x - 1, y), Cell::new(x, y + 1), Cell::new(x, y - 1)] {
-            if let Some(next) = layout.index(neighbour)
-                && area[next] == 0
-                && map.values()[next] == CellState::Free
-            {
-                area[next] = mark;
-                open.push(next);
-            }
-        }
-    }
-    count
 }
 
 #[cfg(test)]
@@ -150,20 +136,32 @@ mod tests {
     #[test]
     fn areas_are_told_apart() {
         let map = two_rooms();
-        assert_eq!(FreeSpace::new(&map).unwrap().len(), 24);
-        assert_eq!(FreeSpace::largest(&map).unwrap().len(), 20);
-        let small = FreeSpace::connected_to(&map, &map.layout().center(Cell::new(2, 2))).unwrap();
-        assert_eq!(small.len(), 4);
-        assert!(FreeSpace::connected_to(&map, &map.layout().center(Cell::new(3, 3))).is_err());
-        assert!(FreeSpace::connected_to(&map, &Vector2::new(f64::NAN, 0.0)).is_err());
-        assert!(FreeSpace::new(&map.map(|_| CellState::Unknown)).is_err());
-        assert!(FreeSpace::largest(&map.map(|_| CellState::Unknown)).is_err());
+        let all = FreeSpace::new(&map, 0.0).unwrap();
+        assert_eq!((all.len(), all.largest().len()), (24, 20));
+        let at = |x, y| map.layout().center(Cell::new(x, y));
+        assert_eq!(all.reached_from(&at(2, 2)).unwrap().len(), 4);
+        assert_eq!(all.reached_from(&at(9, 3)).unwrap().len(), 20, "half a metre into the wall");
+        assert!(all.reached_from(&Vector2::new(50.0, 3.0)).is_err());
+        assert!(all.reached_from(&Vector2::new(f64::NAN, 0.0)).is_err());
+    }
+
+    #[test]
+    fn a_vehicle_needs_room() {
+        let map = two_rooms();
+        // Cells of 0.5 m: a radius of half a metre takes the cells along the walls, of the small room all.
+        let space = FreeSpace::new(&map, 0.5).unwrap();
+        assert_eq!((space.len(), space.largest().len()), (6, 6));
+        assert_eq!(FreeSpace::new(&map, 1.0), Err(Error::Empty { name: "free space" }));
+        assert!(FreeSpace::new(&map.map(|_| CellState::Unknown), 0.0).is_err());
+        for radius in [-0.1, f64::NAN, f64::INFINITY] {
+            assert!(FreeSpace::new(&map, radius).is_err());
+        }
     }
 
     #[test]
     fn draws_are_uniform_over_the_cells() {
         let map = two_rooms();
-        let space = FreeSpace::new(&map).unwrap();
+        let space = FreeSpace::new(&map, 0.0).unwrap();
         let mut counts = vec![0.0; map.layout().len()];
         let mut stream = Seed(3).stream(0, 0);
         let draws = 24_000;

@@ -8,23 +8,30 @@
 //! (seed, step, chunk): a run has the same bits for any number of threads and continues from a checkpoint with them.
 
 mod free_space;
+mod gaussian;
 mod mcl;
 mod moments;
 mod motion;
-mod policy;
 mod resample;
+mod resample_policy;
+mod sample_size;
 mod sensor;
 mod set;
 mod trig;
+mod update_policy;
+mod weights;
 
 pub use free_space::FreeSpace;
 #[cfg(feature = "serde")]
 pub use mcl::MclCheckpoint;
 pub use mcl::{Mcl, MclDiagnostics, MclParams};
 pub use motion::{DifferentialOdometryModel, MotionModel, OdometryNoise};
-pub use policy::{EffectiveSampleSizeBelow, MotionThreshold, ResamplePolicy, UpdatePolicy};
 pub use resample::{Resampler, Systematic};
+pub use resample_policy::{And, EffectiveSampleSizeBelow, EntropyBelow, EveryNth, Or, ResampleContext, ResamplePolicy};
+pub use sample_size::{SameSize, SampleSize};
 pub use sensor::{
-    LikelihoodFieldModel, LikelihoodFieldModelParams, PoseLikelihood, ScanForm, SensorModel, WeighParticles,
+    LikelihoodFieldModel, LikelihoodFieldModelParams, PerPose, PoseLikelihood, ScanForm, SensorModel, WeighParticles,
 };
-pub use set::{ParticleSet, WeightSummary};
+pub use set::{ParticleSet, ParticleState};
+pub use update_policy::{MotionThreshold, UpdateContext, UpdatePolicy};
+pub use weights::WeightSummary;

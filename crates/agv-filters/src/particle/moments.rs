@@ -6,11 +6,11 @@
 //! with that `R`, at most that of the uniform distribution, π²/3; the mixed part uses `sin Δθ` for `Δθ`. Since
 //! `E sin²Δθ ≤ 1 - R² ≤ -2 ln R` the matrix is positive semi-definite for any set.
 
-use super::{ParticleSet, set::chunk_of};
+use super::{ParticleSet, gaussian::semidefinite_root, set::chunk_of};
 use agv_core::{
+    Error, check,
     compute::{CHUNK, Par},
-    geometry::{Se2, So2},
-    roles::PoseEstimate,
+    geometry::{Se2, So2, UncertainPose},
 };
 use nalgebra::{Matrix2, Matrix3, Vector2};
 use std::f64::consts::PI;
@@ -22,8 +22,11 @@ impl ParticleSet {
     /// Weighted mean of the poses, with the covariance of the right increment.
     ///
     /// One pass; the sums are combined in the order of the chunks.
-    pub fn estimate(&self, par: Par) -> PoseEstimate<Se2> {
-        let (poses, weights) = (self.poses(), self.weights());
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`] if the squares of the coordinates are not.
+    pub fn estimate(&self, par: Par) -> Result<UncertainPose<Se2>, Error> {
+        let (poses, weights) = (self.states(), self.weights());
         // Moments about a particle, not about the map's origin: the squares of large coordinates would swamp them.
         let pivot = poses.first().map_or_else(Vector2::zeros, Se2::translation);
         let sums = par
@@ -49,7 +52,7 @@ fn sum_chunk(poses: &[Se2], weights: &[f64], pivot: &Vector2<f64>) -> Sums {
     sums
 }
 
-fn moments(sums: &Sums, pivot: &Vector2<f64>) -> PoseEstimate<Se2> {
+fn moments(sums: &Sums, pivot: &Vector2<f64>) -> Result<UncertainPose<Se2>, Error> {
     let scale = 1.0 / sums[0];
     let [_, x, y, c, s, xx, xy, yy, xc, xs, yc, ys] = sums.map(|sum| sum * scale);
     let heading = So2::from_direction(c, s);
@@ -61,11 +64,14 @@ fn moments(sums: &Sums, pivot: &Vector2<f64>) -> PoseEstimate<Se2> {
     let (p, k) = (rotation.transpose() * in_map * rotation, rotation.transpose() * mixed);
     let length = c.hypot(s).min(1.0);
     let heading_variance = (-2.0 * length.ln()).min(PI * PI / 3.0);
-    PoseEstimate {
-        map_from_base: Se2::from_parts(pivot + Vector2::new(x, y), heading),
-        covariance: Matrix3::new(p.m11.max(0.0), p.m12, k.x, p.m12, p.m22.max(0.0), k.y, k.x, k.y, heading_variance),
-        stamp: None,
-    }
+    let mean = Se2::from_parts(pivot + Vector2::new(x, y), heading);
+    let covariance = Matrix3::new(p.m11, p.m12, k.x, p.m12, p.m22, k.y, k.x, k.y, heading_variance);
+    // Particles that agree in a direction leave rounding there, of either sign: the root leaves it out.
+    check::all_finite("covariance of the particles", covariance.iter())?;
+    UncertainPose::new(mean, covariance).or_else(|_| {
+        let root = semidefinite_root(&covariance);
+        UncertainPose::new(mean, root * root.transpose())
+    })
 }
 
 #[cfg(test)]
@@ -80,7 +86,8 @@ mod tests {
         #[test]
         fn covariances_are_positive_semi_definite(poses in prop::collection::vec((-9.0..9.0_f64, -9.0..9.0_f64, -3.2..3.2_f64), 1..40)) {
             let set = ParticleSet::new(poses.iter().map(|&(x, y, yaw)| Se2::new(x, y, yaw)).collect()).unwrap();
-            let covariance = set.estimate(Par::Seq).covariance;
+            let estimate = set.estimate(Par::Seq).unwrap();
+            let covariance = *estimate.covariance();
             prop_assert!(covariance.symmetric_eigenvalues().min() > -1e-9, "{covariance}");
             prop_assert_eq!(covariance, covariance.transpose());
         }
@@ -91,26 +98,39 @@ mod tests {
             offsets in prop::collection::vec((-1.0..1.0_f64, -1.0..1.0_f64, -1.0..1.0_f64), 2..30)) {
             let centre = Se2::new(x, 7.0, yaw);
             let set = ParticleSet::new(offsets.iter().map(|&(a, b, c)| centre.plus(&(Vector3::new(a, b, c) * 1e-3))).collect()).unwrap();
-            let estimate = set.estimate(Par::Seq);
-            let increments: Vec<_> = set.poses().iter().map(|pose| pose.minus(&estimate.map_from_base)).collect();
+            let estimate = set.estimate(Par::Seq).unwrap();
+            let increments: Vec<_> = set.states().iter().map(|pose| pose.minus(estimate.mean())).collect();
             let mean = increments.iter().sum::<Vector3<f64>>() / increments.len() as f64;
             let covariance = increments.iter().map(|d| d * d.transpose()).sum::<Matrix3<f64>>() / increments.len() as f64;
             prop_assert!(mean.norm() < 2e-6, "{mean}");
-            prop_assert!((covariance - estimate.covariance).abs().max() < 5e-9, "{covariance} {}", estimate.covariance);
+            prop_assert!((covariance - estimate.covariance()).abs().max() < 5e-9, "{covariance} {}", estimate.covariance());
         }
     }
 
     #[test]
     fn headings_average_on_the_circle() {
         let set = ParticleSet::new(vec![Se2::new(0.0, 0.0, 3.1), Se2::new(2.0, 0.0, -3.1)]).unwrap();
-        let estimate = set.estimate(Par::Seq);
-        assert!((estimate.map_from_base.yaw().abs() - PI).abs() < 1e-12);
-        assert_eq!(estimate.map_from_base.x(), 1.0);
+        let estimate = set.estimate(Par::Seq).unwrap();
+        assert!((estimate.mean().yaw().abs() - PI).abs() < 1e-12);
+        assert_eq!(estimate.mean().x(), 1.0);
     }
 
     #[test]
     fn opposite_headings_are_as_uncertain_as_all() {
         let set = ParticleSet::new(vec![Se2::new(0.0, 0.0, 0.0), Se2::new(0.0, 0.0, PI)]).unwrap();
-        assert_eq!(set.estimate(Par::Seq).covariance.m33, PI * PI / 3.0);
+        assert_eq!(set.estimate(Par::Seq).unwrap().covariance().m33, PI * PI / 3.0);
+    }
+
+    #[test]
+    fn particles_that_agree_leave_no_spread() {
+        for pose in [Se2::new(1234.5, -0.1, 2.2), Se2::new(0.1, 1e7, -1.0)] {
+            let estimate = ParticleSet::new(vec![pose; 777]).unwrap().estimate(Par::Seq).unwrap();
+            assert!(estimate.mean().minus(&pose).norm() < 1e-9 && estimate.covariance().amax() < 1e-9);
+        }
+        // On a line, in a direction of its own.
+        let line = (0..100).map(|i| Se2::new(0.3 * f64::from(i), 0.7 * f64::from(i), 0.4)).collect();
+        assert!(ParticleSet::new(line).unwrap().estimate(Par::Seq).is_ok());
+        let far = vec![Se2::new(1e300, 0.0, 0.0), Se2::new(-1e300, 0.0, 0.0)];
+        assert!(ParticleSet::new(far).unwrap().estimate(Par::Seq).is_err());
     }
 }

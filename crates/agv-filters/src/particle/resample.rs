@@ -30,6 +30,12 @@ pub trait Resampler {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct Systematic;
 
+impl<R: Resampler + ?Sized> Resampler for Box<R> {
+    fn resample(&self, weights: &[f64], stream: &mut Stream, ancestors: &mut [u32]) {
+        (**self).resample(weights, stream, ancestors);
+    }
+}
+
 impl Resampler for Systematic {
     fn resample(&self, weights: &[f64], stream: &mut Stream, ancestors: &mut [u32]) {
         let (count, offset) = (ancestors.len() as f64, stream.random::<f64>());

@@ -2,20 +2,14 @@
 
 use super::{
     heuristic::{Euclidean, Heuristic, Manhattan, Octile, Offset, Zero},
-    masks::Connectivity,
-    query::{Tolerances, endpoints, nearest_node, write_path},
-    search::{Limits, SearchEnd, SearchResult, Workspace},
+    limits::{Limits, SearchResult},
+    planner::{GridPlanner, GridPlannerParams, GridSolver},
+    search::Workspace,
     space::{GridParams, GridSpace},
     step::Step,
 };
 use crate::Error;
-use agv_core::{
-    check,
-    geometry::Se2,
-    grid::{Costmap, GridLayout},
-    path::Path,
-    roles::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome},
-};
+use agv_core::grid::Connectivity;
 
 /// Which lower bound guides the search. All lead to paths of the same cost; the larger the bound, the fewer expansions.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -34,7 +28,18 @@ pub enum GridHeuristic {
     Zero,
 }
 
-/// Parameters of [`AStar`].
+impl GridHeuristic {
+    /// The one meant by [`Exact`](Self::Exact).
+    pub(super) fn resolved(self, connectivity: Connectivity) -> Self {
+        match (self, connectivity) {
+            (Self::Exact, Connectivity::Four) => Self::Manhattan,
+            (Self::Exact, Connectivity::Eight) => Self::Octile,
+            (other, _) => other,
+        }
+    }
+}
+
+/// Parameters of [`AStar`] and of [`Bidirectional`](super::Bidirectional).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct AStarParams {
@@ -54,23 +59,29 @@ pub struct AStarParams {
 impl Default for AStarParams {
     /// Eight neighbours, no cut corners, shortest path; start and goal as they are given; no budget.
     fn default() -> Self {
-        Self {
-            grid: GridParams::default(),
-            heuristic: GridHeuristic::Exact,
-            start_tolerance: 0.0,
-            goal_tolerance: 0.0,
-            max_expansions: u64::MAX,
+        let GridPlannerParams { grid, start_tolerance, goal_tolerance, max_expansions } = GridPlannerParams::default();
+        Self { grid, heuristic: GridHeuristic::Exact, start_tolerance, goal_tolerance, max_expansions }
+    }
+}
+
+impl AStarParams {
+    /// What is common to all planners, and the heuristic with its `Exact` resolved.
+    ///
+    /// # Errors
+    /// [`GridHeuristic::Manhattan`] with diagonal steps.
+    pub(super) fn split(self) -> Result<(GridPlannerParams, GridHeuristic), Error> {
+        let Self { grid, heuristic, start_tolerance, goal_tolerance, max_expansions } = self;
+        if heuristic == GridHeuristic::Manhattan && grid.connectivity == Connectivity::Eight {
+            return Err(Error::InconsistentHeuristic { heuristic: "Manhattan" });
         }
+        let params = GridPlannerParams { grid, start_tolerance, goal_tolerance, max_expansions };
+        Ok((params, heuristic.resolved(grid.connectivity)))
     }
 }
 
 /// Plans least-cost paths over the cells of a costmap.
 ///
-/// The path begins with the start pose, runs through the centres of cells (each heading looks at the next) and ends with
-/// the goal pose. Its cost is that of the steps from the start's to the goal's cell, in metres: with uniform costs the
-/// octile length, exact (see [`STRAIGHT`](super::STRAIGHT)). The costmap may be another one in every call; what it has
-/// in common with the last one is not computed again. Queries on maps no larger than an earlier one allocate nothing
-/// beyond the growth of `path` and, rarely, of the open list.
+/// The path is as [`GridPlanner`] says, its cost for uniform cells the octile length.
 ///
 /// ```
 /// use agv_core::geometry::Se2;
@@ -93,12 +104,13 @@ impl Default for AStarParams {
 /// assert_eq!(path.points()[path.len() - 1].pose, goal);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
+pub type AStar = GridPlanner<AStarSolver>;
+
+/// The search of [`AStar`].
 #[derive(Debug, Clone)]
-pub struct AStar {
-    params: AStarParams,
-    space: GridSpace,
+pub struct AStarSolver {
+    heuristic: GridHeuristic,
     workspace: Workspace<Step>,
-    way: Vec<u32>,
 }
 
 impl AStar {
@@ -108,129 +120,48 @@ impl AStar {
     /// Tolerances that are not finite or negative, a cost weight out of range, [`GridHeuristic::Manhattan`] with diagonal
     /// steps.
     pub fn new(params: AStarParams) -> Result<Self, Error> {
-        check::non_negative("start_tolerance", params.start_tolerance)?;
-        check::non_negative("goal_tolerance", params.goal_tolerance)?;
-        if params.heuristic == GridHeuristic::Manhattan && params.grid.connectivity == Connectivity::Eight {
-            return Err(Error::InconsistentHeuristic { heuristic: "Manhattan" });
-        }
-        Ok(Self { params, space: GridSpace::new(params.grid)?, workspace: Workspace::default(), way: Vec::new() })
-    }
-
-    /// Parameters it was made with.
-    pub const fn params(&self) -> &AStarParams {
-        &self.params
-    }
-
-    /// The graph of the last costmap.
-    pub const fn space(&self) -> &GridSpace {
-        &self.space
-    }
-
-    /// What the last search knows, for pictures of what was looked at.
-    pub const fn workspace(&self) -> &Workspace<Step> {
-        &self.workspace
-    }
-
-    /// As [`plan_into`](GlobalPlanner::plan_into), but asks `cancel` every [`Limits::CANCEL_INTERVAL`] expansions whether
-    /// to stop.
-    ///
-    /// # Errors
-    /// As [`plan_into`](GlobalPlanner::plan_into).
-    pub fn plan_with_cancel(
-        &mut self,
-        costmap: &Costmap,
-        (start, goal): (&Se2, &Se2),
-        path: &mut Path,
-        cancel: &mut dyn FnMut() -> bool,
-    ) -> Result<PlanOutcome, PlanError> {
-        self.plan(costmap, (start, goal), path, Some(cancel))
-    }
-
-    fn plan(
-        &mut self,
-        costmap: &Costmap,
-        poses: (&Se2, &Se2),
-        path: &mut Path,
-        cancel: Option<&mut dyn FnMut() -> bool>,
-    ) -> Result<PlanOutcome, PlanError> {
-        path.clear();
-        let layout = *costmap.layout();
-        self.space.update(costmap);
-        let tolerances = Tolerances { start: self.params.start_tolerance, goal: self.params.goal_tolerance };
-        let ends = match endpoints(&self.space, &layout, poses, tolerances)? {
-            Ok(ends) => ends,
-            Err(reason) => return Ok(PlanOutcome::NoPath { reason, expansions: 0 }),
-        };
-        let mut limits = Limits { budget: self.params.max_expansions, cancel };
-        let result = self.search(&layout, ends.start, ends.goal, &mut limits);
-        let expansions = result.expansions;
-        let (last, reason) = match result.end {
-            SearchEnd::Goal { node, .. } => (node, None),
-            SearchEnd::Exhausted => {
-                let reached = |node| self.workspace.cost(node).is_some();
-                match nearest_node(&layout, poses.1, tolerances.goal, reached) {
-                    Some(node) => (node, None),
-                    None => return Ok(PlanOutcome::NoPath { reason: NoPathReason::Disconnected, expansions }),
-                }
-            }
-            SearchEnd::Budget => (self.most_promising(&layout, ends.goal, &result), Some(NoPathReason::Budget)),
-            SearchEnd::Cancelled => (self.most_promising(&layout, ends.goal, &result), Some(NoPathReason::Cancelled)),
-        };
-        self.workspace.trace_into(&self.space.uniform(), last, &mut self.way);
-        write_path(&self.space, &layout, &self.way, poses, path)?;
-        Ok(match reason {
-            None => PlanOutcome::Found { cost: self.space.path_cost(&self.way) * layout.resolution(), expansions },
-            Some(reason) => PlanOutcome::NoPath { reason, expansions },
-        })
-    }
-
-    fn search(&mut self, layout: &GridLayout, start: u32, goal: u32, limits: &mut Limits<'_>) -> SearchResult {
-        let offset = Offset::new(layout.width() as u32, self.space.cell(goal));
-        match (self.params.heuristic, self.params.grid.connectivity) {
-            (GridHeuristic::Exact | GridHeuristic::Octile, Connectivity::Eight)
-            | (GridHeuristic::Octile, Connectivity::Four) => self.search_with(&Octile(offset), start, goal, limits),
-            (GridHeuristic::Exact | GridHeuristic::Manhattan, _) => {
-                self.search_with(&Manhattan(offset), start, goal, limits)
-            }
-            (GridHeuristic::Euclidean, _) => self.search_with(&Euclidean(offset), start, goal, limits),
-            (GridHeuristic::Zero, _) => self.search_with(&Zero, start, goal, limits),
-        }
-    }
-
-    fn search_with(
-        &mut self,
-        heuristic: &impl Heuristic,
-        start: u32,
-        goal: u32,
-        limits: &mut Limits<'_>,
-    ) -> SearchResult {
-        let is_goal = |node| node == goal;
-        if self.space.is_weighted() {
-            self.workspace.search(&self.space.weighted(), heuristic, start, is_goal, limits)
-        } else {
-            self.workspace.search(&self.space.uniform(), heuristic, start, is_goal, limits)
-        }
-    }
-
-    /// Where an unfinished search came nearest to the goal. Without a heuristic all reached cells are looked through.
-    fn most_promising(&self, layout: &GridLayout, goal: u32, result: &SearchResult) -> u32 {
-        if self.params.heuristic != GridHeuristic::Zero {
-            return result.nearest;
-        }
-        let octile = Octile(Offset::new(layout.width() as u32, self.space.cell(goal)));
-        let reached = (0..layout.len() as u32).filter(|&node| self.workspace.cost(node).is_some());
-        reached.min_by_key(|&node| octile.estimate(node)).unwrap_or(result.nearest)
+        let (params, heuristic) = params.split()?;
+        Self::with_solver(params, AStarSolver { heuristic, workspace: Workspace::default() })
     }
 }
 
-impl GlobalPlanner for AStar {
-    fn plan_into(
+impl AStarSolver {
+    fn search_with(
         &mut self,
-        costmap: &Costmap,
-        start: &Se2,
-        goal: &Se2,
-        path: &mut Path,
-    ) -> Result<PlanOutcome, PlanError> {
-        self.plan(costmap, (start, goal), path, None)
+        space: &GridSpace,
+        heuristic: &impl Heuristic,
+        (start, goal): (u32, u32),
+        limits: &mut Limits<'_>,
+    ) -> SearchResult {
+        let is_goal = |node| node == goal;
+        if space.is_weighted() {
+            self.workspace.search(&space.weighted(), heuristic, start, is_goal, limits)
+        } else {
+            self.workspace.search(&space.uniform(), heuristic, start, is_goal, limits)
+        }
+    }
+}
+
+impl GridSolver for AStarSolver {
+    fn search(&mut self, space: &GridSpace, start: u32, goal: u32, limits: &mut Limits<'_>) -> SearchResult {
+        let (offset, ends) = (Offset::to(space, goal), (start, goal));
+        match self.heuristic {
+            GridHeuristic::Exact | GridHeuristic::Octile => self.search_with(space, &Octile(offset), ends, limits),
+            GridHeuristic::Manhattan => self.search_with(space, &Manhattan(offset), ends, limits),
+            GridHeuristic::Euclidean => self.search_with(space, &Euclidean(offset), ends, limits),
+            GridHeuristic::Zero => self.search_with(space, &Zero, ends, limits),
+        }
+    }
+
+    fn cost(&self, node: u32) -> Option<u32> {
+        self.workspace.cost(node)
+    }
+
+    fn way_into(&self, space: &GridSpace, node: u32, way: &mut Vec<u32>) {
+        self.workspace.trace_into(&space.uniform(), node, way);
+    }
+
+    fn is_guided(&self) -> bool {
+        self.heuristic != GridHeuristic::Zero
     }
 }

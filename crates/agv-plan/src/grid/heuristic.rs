@@ -3,7 +3,10 @@
 //! All heuristics here are consistent for steps that cost at least [`STRAIGHT`] and [`DIAGONAL`]: along a step they fall by
 //! no more than the step costs. [`Manhattan`] is so only where there are no diagonal steps.
 
-use super::step::{DIAGONAL, STRAIGHT};
+use super::{
+    space::GridSpace,
+    step::{DIAGONAL, STRAIGHT},
+};
 use agv_core::grid::Cell;
 
 /// A lower bound on the cost from a node to the goal, consistent: it falls by at most the cost of a step.
@@ -23,6 +26,17 @@ impl Heuristic for Zero {
     }
 }
 
+/// The nearest of several goals: the least of the bounds to each, in time proportional to their number.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Nearest<'a, H>(pub &'a [H]);
+
+impl<H: Heuristic> Heuristic for Nearest<'_, H> {
+    #[inline]
+    fn estimate(&self, node: u32) -> u32 {
+        self.0.iter().map(|bound| bound.estimate(node)).min().unwrap_or(0)
+    }
+}
+
 /// Column and row distance of a node of a grid to the goal.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Offset {
@@ -38,6 +52,11 @@ impl Offset {
     pub const fn new(width: u32, goal: Cell) -> Self {
         let width = if width == 0 { 1 } else { width };
         Self { width, reciprocal: (u64::MAX / width as u64).wrapping_add(1), goal }
+    }
+
+    /// Distances to a node of a space.
+    pub(super) fn to(space: &GridSpace, goal: u32) -> Self {
+        Self::new(space.layout().map_or(1, |layout| layout.width() as u32), space.cell(goal))
     }
 
     /// Absolute column and row distance of the node.

@@ -1,31 +1,7 @@
 //! Which of its eight neighbours a cell may step to, as one byte per cell, and which of them a search need not look at.
 
 use super::step::Step;
-
-/// Whether a path may pass the corner of a blocked cell.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub enum CornerRule {
-    /// A diagonal step needs both cells beside it free: what a vehicle of some width can drive. The rule of the `MovingAI`
-    /// benchmarks.
-    #[default]
-    Never,
-    /// A diagonal step needs one of the cells beside it free.
-    OneFree,
-    /// A diagonal step may squeeze between two blocked cells.
-    Free,
-}
-
-/// Which neighbours a cell has.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub enum Connectivity {
-    /// The four that share an edge.
-    Four,
-    /// The eight that share an edge or a corner.
-    #[default]
-    Eight,
-}
+use agv_core::grid::{Connectivity, CornerRule};
 
 /// Masks of one row from whether the cells of the row below, the row itself and the row above are passable (0 or 1).
 ///

@@ -33,25 +33,42 @@
 //! # Ok::<(), agv_plan::Error>(())
 //! ```
 
+mod any_angle;
 mod astar;
+mod bidirectional;
 mod components;
 mod dijkstra;
 mod heuristic;
+mod jps;
+mod lazy_theta;
+mod limits;
 mod masks;
+mod nodes;
+mod planner;
 mod potential;
 mod query;
 mod queue;
 mod search;
 mod space;
 mod step;
+mod theta;
+mod view;
 
-pub use astar::{AStar, AStarParams, GridHeuristic};
-pub use components::Components;
-pub use dijkstra::{Dijkstra, DijkstraParams};
-pub use heuristic::{Euclidean, Heuristic, Manhattan, Octile, Offset, Zero};
-pub use masks::{Connectivity, CornerRule};
+pub use agv_core::grid::{Components, Connectivity, CornerRule};
+pub use any_angle::Parent;
+pub use astar::{AStar, AStarParams, AStarSolver, GridHeuristic};
+pub use bidirectional::{Bidirectional, BidirectionalSolver};
+pub use dijkstra::{Dijkstra, DijkstraSolver};
+pub use heuristic::{Euclidean, Heuristic, Manhattan, Nearest, Octile, Offset, Zero};
+pub use jps::{Jps, JpsSolver, Jump, JumpPoints};
+pub use lazy_theta::{LazyTheta, LazyThetaSolver, LazyThetaStar, Promise};
+pub use limits::{Limits, SearchEnd, SearchResult};
+pub use nodes::{DenseNodes, Known, NodeStore, SparseNodes};
+pub use planner::{GridPlanner, GridPlannerParams, GridSolver};
 pub use potential::Potential;
 pub use queue::{BucketQueue, Entry, HeapQueue, OpenList};
-pub use search::{Limits, SearchEnd, SearchResult, SearchSpace, Workspace};
-pub use space::{GridParams, GridSpace, Uniform, UnknownCells, Weighted};
+pub use search::{Frontier, Reached, SearchSpace, Workspace};
+pub use space::{GridParams, GridSpace, UnknownCells};
 pub use step::{DIAGONAL, STRAIGHT, Step};
+pub use theta::{Theta, ThetaSolver, ThetaStar};
+pub use view::{CostWeighted, GridView, Lengths, StepPrices, Uniform, Weighted};

@@ -2,13 +2,14 @@
 
 use super::{
     heuristic::{Heuristic, Zero},
-    search::{Limits, Workspace},
+    limits::Limits,
+    search::{SearchSpace, Workspace},
     space::GridSpace,
     step::{STRAIGHT, Step},
 };
 use crate::Error;
 
-/// Least cost from every cell to one goal.
+/// Least cost from every cell to one goal, or to the nearest of several.
 ///
 /// As a [`Heuristic`] it is exact on the space it was computed on, and a lower bound on any space with fewer free cells or
 /// dearer ones. Local planners read it as a navigation function: it falls towards the goal and has no local minima.
@@ -38,18 +39,33 @@ impl Potential {
     /// # Errors
     /// [`Error::NoSuchNode`] if the goal is not a node of the space; the potential is then as it was.
     pub fn compute(&mut self, space: &GridSpace, goal: u32) -> Result<(), Error> {
-        let len = space.layout().map_or(0, agv_core::grid::GridLayout::len);
-        if goal as usize >= len {
-            return Err(Error::NoSuchNode { node: goal, len });
+        self.compute_to_nearest(space, &[goal])
+    }
+
+    /// As [`compute`](Self::compute), to the nearest of several goals (docks, charging stations); without any, nothing is
+    /// reached.
+    ///
+    /// # Errors
+    /// [`Error::NoSuchNode`] names the first goal that is not a node of the space; the potential is then as it was.
+    pub fn compute_to_nearest(&mut self, space: &GridSpace, goals: &[u32]) -> Result<(), Error> {
+        if let Some(&node) = goals.iter().find(|&&goal| goal as usize >= space.len()) {
+            return Err(Error::NoSuchNode { node, len: space.len() });
         }
-        // Steps cost the same in both directions, so the search may begin at the goal.
-        let mut limits = Limits::none();
         if space.is_weighted() {
-            self.workspace.search(&space.weighted(), &Zero, goal, |_| false, &mut limits);
+            self.flood(&space.weighted(), goals);
         } else {
-            self.workspace.search(&space.uniform(), &Zero, goal, |_| false, &mut limits);
+            self.flood(&space.uniform(), goals);
         }
         Ok(())
+    }
+
+    /// Steps cost the same in both directions, so the search may begin at the goals.
+    fn flood(&mut self, space: &impl SearchSpace<Link = Step>, goals: &[u32]) {
+        self.workspace.begin(space);
+        for &goal in goals {
+            self.workspace.add_start(&Zero, goal, 0);
+        }
+        self.workspace.run(space, &Zero, |_| false, &mut Limits::none());
     }
 
     /// Cost from a node to the goal in cells, if the goal can be reached: within 1/985 of a cell per step where cells are

@@ -1,10 +1,10 @@
 //! From poses to nodes and back: what all planners on grids share.
 
-use super::{masks::CornerRule, space::GridSpace, step::Step};
+use super::{space::GridSpace, step::Step};
 use agv_core::{
     Error, check,
     geometry::{Se2, So2},
-    grid::{Cell, GridLayout},
+    grid::{Cell, CornerRule, GridLayout},
     path::{Gear, Path, PathPoint},
     roles::{NoPathReason, PlanError},
 };
@@ -39,7 +39,7 @@ pub(super) fn endpoints(
     let goal_cell = layout.cell_at(&goal.translation()).ok_or(PlanError::GoalOutside { x: goal.x(), y: goal.y() })?;
     let nearest = |pose: &Se2, cell: Cell, tolerance: f64| match space.node(cell) {
         Some(node) if space.is_passable(node) => Some(node),
-        _ => nearest_node(layout, pose, tolerance, |node| space.is_passable(node)),
+        _ => nearest_node(space, pose, tolerance, |node| space.is_passable(node)),
     };
     let Some(start) = nearest(start, start_cell, tolerances.start) else {
         return Ok(Err(NoPathReason::StartBlocked));
@@ -48,42 +48,19 @@ pub(super) fn endpoints(
     Ok(Ok(Endpoints { start, goal }))
 }
 
-/// Node whose cell's centre lies nearest to the pose, among those within `tolerance` that `accept` takes. Time grows with
-/// the tolerance's square in cells.
-pub(super) fn nearest_node(
-    layout: &GridLayout,
-    pose: &Se2,
-    tolerance: f64,
-    accept: impl Fn(u32) -> bool,
-) -> Option<u32> {
-    if tolerance <= 0.0 {
-        return None;
-    }
-    let center = layout.to_grid(&pose.translation());
-    let reach = tolerance / layout.resolution();
-    let span = |middle: f64, len: usize| {
-        let last = len as f64 - 1.0;
-        ((middle - reach).floor().clamp(0.0, last) as i32)..=((middle + reach).floor().clamp(0.0, last) as i32)
-    };
-    let mut best: Option<(f64, u32)> = None;
-    for y in span(center.y, layout.height()) {
-        for x in span(center.x, layout.width()) {
-            let offset = Vector2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) - center;
-            let squared = offset.norm_squared();
-            let Some(node) = layout.index(Cell::new(x, y)).map(|index| index as u32) else { continue };
-            if squared <= reach * reach && best.is_none_or(|(least, _)| squared < least) && accept(node) {
-                best = Some((squared, node));
-            }
-        }
-    }
-    best.map(|(_, node)| node)
+/// Node whose cell's centre lies nearest to the pose, among those within `tolerance` that `accept` takes; none for a
+/// tolerance of zero.
+pub(super) fn nearest_node(space: &GridSpace, pose: &Se2, tolerance: f64, accept: impl Fn(u32) -> bool) -> Option<u32> {
+    let layout = space.layout().filter(|_| tolerance > 0.0)?;
+    let accepts = |cell| space.node(cell).is_some_and(&accept);
+    layout.nearest_cell(&pose.translation(), tolerance, accepts).and_then(|cell| space.node(cell))
 }
 
 /// Writes the way as a path: the start pose, the cells' centres, each heading to the next, and the goal pose.
 ///
 /// Start and goal pose stand for the centres of their own cells where the line to the next centre provably stays in free
-/// cells: along a straight step always, along a diagonal one if no corner may be cut. `reaches_goal` says that the way
-/// ends in the goal pose's cell; otherwise the path ends at the last centre, with the goal's heading.
+/// cells: along a row or column of cells always, along a diagonal step if no corner may be cut. The path ends with the goal
+/// pose if the way ends in its cell, otherwise at the last centre with the goal's heading.
 pub(super) fn write_path(
     space: &GridSpace,
     layout: &GridLayout,
@@ -96,7 +73,10 @@ pub(super) fn write_path(
     let node_at = |pose: &Se2| layout.cell_at(&pose.translation()).and_then(|cell| space.node(cell));
     let never_cuts = space.params().corner_rule == CornerRule::Never;
     let may_skip = |pair: Option<&[u32]>| match pair {
-        Some(&[a, b]) => never_cuts || !step_between(space, a, b).is_diagonal(),
+        Some(&[a, b]) => {
+            let (dx, dy) = offset_between(space, a, b);
+            dx == 0 || dy == 0 || (never_cuts && dx.abs() == 1 && dy.abs() == 1)
+        }
         _ => true,
     };
     let skip_first = node_at(start) == Some(first) && may_skip(way.get(..2));
@@ -116,8 +96,13 @@ pub(super) fn write_path(
             // The last centre before the goal pose looks at the pose itself.
             Some(_) if i + 2 == way.len() && skip_last => looking_at(center, &goal.translation(), goal),
             Some(&next) => {
-                let heading = headings.get(step_between(space, node, next).index());
-                Se2::from_parts(center, heading.copied().unwrap_or_default())
+                let (dx, dy) = offset_between(space, node, next);
+                let known = headings.get(Step::towards(dx, dy).index());
+                let heading = match known.filter(|_| dx == 0 || dy == 0 || dx.abs() == dy.abs()) {
+                    Some(&along_step) => along_step,
+                    None => yaw * So2::from_direction(f64::from(dx), f64::from(dy)),
+                };
+                Se2::from_parts(center, heading)
             }
             None if reaches_goal => looking_at(center, &goal.translation(), goal),
             None => Se2::from_parts(center, goal.rotation()),
@@ -137,7 +122,7 @@ fn looking_at(from: Vector2<f64>, to: &Vector2<f64>, fallback: &Se2) -> Se2 {
     Se2::from_parts(from, heading)
 }
 
-fn step_between(space: &GridSpace, a: u32, b: u32) -> Step {
+fn offset_between(space: &GridSpace, a: u32, b: u32) -> (i32, i32) {
     let (a, b) = (space.cell(a), space.cell(b));
-    Step::towards(b.x - a.x, b.y - a.y)
+    (b.x - a.x, b.y - a.y)
 }

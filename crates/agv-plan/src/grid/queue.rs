@@ -13,19 +13,21 @@ pub struct Entry {
     pub cost: u32,
 }
 
-/// A priority queue of [`Entry`]s whose keys do not fall: no key is pushed below the last one popped.
-///
-/// Best-first search with a consistent heuristic keeps that promise.
-pub trait OpenList: Default {
+/// A priority queue of [`Entry`]s. A [`BucketQueue`] relies on keys that do not fall: none is pushed below the last one
+/// popped. Best-first search with a consistent heuristic keeps that promise.
+pub trait OpenList<K = u32>: Default {
     /// Empties the list for a search whose keys lie at most `window` above the last key popped, of about `capacity`
     /// entries. Memory is kept.
     fn reset(&mut self, window: u32, capacity: usize);
 
     /// Adds an entry.
-    fn push(&mut self, key: u32, entry: Entry);
+    fn push(&mut self, key: K, entry: Entry);
 
     /// Removes an entry with the least key; of equal keys, the one that leads deepest or came last.
-    fn pop(&mut self) -> Option<(u32, Entry)>;
+    fn pop(&mut self) -> Option<(K, Entry)>;
+
+    /// Least key that is waiting.
+    fn least_key(&self) -> Option<K>;
 }
 
 const NONE: u32 = u32::MAX;
@@ -46,6 +48,7 @@ pub struct BucketQueue {
     free: u32,
     /// Least key that may come up next.
     cursor: u32,
+    /// Whether a key was popped: the window begins at the first of them.
     started: bool,
     /// Entries whose keys lay beyond the window when they came.
     beyond: HeapQueue,
@@ -116,9 +119,8 @@ impl OpenList for BucketQueue {
     #[inline]
     fn push(&mut self, key: u32, entry: Entry) {
         if !self.started {
-            // The first key of a search may lie anywhere.
-            self.cursor = key;
-            self.started = true;
+            // Where a search begins its keys may lie anywhere: the least of them is known when it is asked for.
+            return self.beyond.push(key, entry);
         }
         let buckets = self.heads.len();
         let ahead = key.saturating_sub(self.cursor) as usize;
@@ -154,6 +156,7 @@ impl OpenList for BucketQueue {
         {
             // No bucket holds a lesser key, so all of them stay within the window of this one.
             self.cursor = key;
+            self.started = true;
             return self.beyond.pop();
         }
         let bucket = bucket?;
@@ -171,38 +174,52 @@ impl OpenList for BucketQueue {
         }
         Some((self.cursor, entry))
     }
-}
 
-/// The standard library's binary heap: for keys without a bound on their window.
-///
-/// Several times slower than [`BucketQueue`], of logarithmic time per operation. Of equal keys the one of greatest cost
-/// comes first, which lies nearest the goal.
-#[derive(Debug, Clone, Default)]
-pub struct HeapQueue {
-    heap: BinaryHeap<(Reverse<u32>, u32, u32)>,
-}
-
-impl HeapQueue {
-    /// Least key that is waiting.
+    #[inline]
     fn least_key(&self) -> Option<u32> {
-        self.heap.peek().map(|(Reverse(key), ..)| *key)
+        let buckets = self.heads.len();
+        let from = self.cursor as usize & buckets.wrapping_sub(1);
+        let bucket = if buckets == 0 { None } else { self.next_occupied(from) };
+        let within = bucket.map(|bucket| self.cursor + (bucket.wrapping_sub(from) & (buckets - 1)) as u32);
+        within.into_iter().chain(self.beyond.least_key()).min()
     }
 }
 
-impl OpenList for HeapQueue {
+/// The standard library's binary heap: for keys without a bound on their window, that fall, or that are not numbers (the
+/// pairs of D* Lite).
+///
+/// Several times slower than [`BucketQueue`], of logarithmic time per operation. Of equal keys the one of greatest cost
+/// comes first, which lies nearest the goal.
+#[derive(Debug, Clone)]
+pub struct HeapQueue<K = u32> {
+    heap: BinaryHeap<(Reverse<K>, u32, u32)>,
+}
+
+impl<K: Ord> Default for HeapQueue<K> {
+    fn default() -> Self {
+        Self { heap: BinaryHeap::new() }
+    }
+}
+
+impl<K: Ord + Copy> OpenList<K> for HeapQueue<K> {
     fn reset(&mut self, _window: u32, capacity: usize) {
         self.heap.clear();
         self.heap.reserve(capacity);
     }
 
     #[inline]
-    fn push(&mut self, key: u32, entry: Entry) {
+    fn push(&mut self, key: K, entry: Entry) {
         self.heap.push((Reverse(key), entry.cost, entry.node));
     }
 
     #[inline]
-    fn pop(&mut self) -> Option<(u32, Entry)> {
+    fn pop(&mut self) -> Option<(K, Entry)> {
         self.heap.pop().map(|(Reverse(key), cost, node)| (key, Entry { node, cost }))
+    }
+
+    #[inline]
+    fn least_key(&self) -> Option<K> {
+        self.heap.peek().map(|(Reverse(key), ..)| *key)
     }
 }
 
@@ -234,6 +251,7 @@ mod tests {
                     } else {
                         open.sort_unstable();
                         let least = (!open.is_empty()).then(|| open.remove(0));
+                        prop_assert_eq!((buckets.least_key(), heap.least_key()), (least, least));
                         let (a, b) = (buckets.pop(), heap.pop());
                         prop_assert_eq!(a.map(|(key, _)| key), least);
                         prop_assert_eq!(b.map(|(key, _)| key), least);
@@ -247,6 +265,17 @@ mod tests {
                 }
             }
         }
+    }
+
+    #[test]
+    fn the_first_keys_may_come_in_any_order() {
+        let (mut queue, keys) = (BucketQueue::default(), [5000, 70, 1_000_000, 3, 71]);
+        queue.reset(100, 4);
+        for key in keys {
+            queue.push(key, Entry { node: key, cost: 0 });
+        }
+        let mut popped = std::iter::from_fn(|| queue.pop().map(|(key, entry)| (key, entry.node)));
+        assert!([3, 70, 71, 5000, 1_000_000].into_iter().all(|key| popped.next() == Some((key, key))));
     }
 
     #[test]

@@ -1,9 +1,34 @@
 //! Best-first search: one loop for Dijkstra, A* and what is built on them.
+//!
+//! ```text
+//! until the open list is empty:
+//!     take the node of least key                  Workspace::pop
+//!     say what is known of it for good            SearchSpace::settle
+//!     for what can be reached from it: the way    SearchSpace::expand, Frontier::reach
+//! ```
+//!
+//! A space says *absolute* costs and may look at what is known of other nodes, so that a node's way need not come from the
+//! node that is expanded (any-angle search), a step need not lead to a neighbour (jump points), and a guess may be mended
+//! when its node comes up (lazy search). The three lines are open: who searches from both ends, or shares the open list
+//! between searches, calls them one by one.
 
 use super::{
     heuristic::Heuristic,
+    limits::{Limits, SearchEnd, SearchResult},
+    nodes::{DenseNodes, Known, NodeStore},
     queue::{BucketQueue, Entry, OpenList},
 };
+
+/// A node and what is known of it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Reached<L> {
+    /// The node.
+    pub node: u32,
+    /// Cost of the way to it.
+    pub cost: u32,
+    /// How it was reached.
+    pub link: L,
+}
 
 /// A graph that is searched, its nodes numbered from zero.
 pub trait SearchSpace {
@@ -13,79 +38,39 @@ pub trait SearchSpace {
     /// Number of nodes.
     fn node_count(&self) -> usize;
 
-    /// Greatest cost of one step.
+    /// Cost of a step that few exceed, to size the open list by; dearer ones are queued at a higher price.
     fn max_step(&self) -> u32;
 
-    /// Calls `visit(neighbour, cost of the step, link)` for the neighbours of `node`, which was reached by
-    /// `arrival`. Those that the way by which `node` was reached shows to be useless may be left out.
-    fn successors(&self, node: u32, arrival: Self::Link, visit: impl FnMut(u32, u32, Self::Link));
+    /// Tells `frontier` what can be reached from a node, at which cost from the start and how. What the way by which `at` was
+    /// reached shows to be useless may be left out.
+    fn expand(&self, at: Reached<Self::Link>, frontier: &mut impl Frontier<Self::Link>);
 
     /// The node from which `link` led to `node`; none if `link` marks a start.
     fn predecessor(&self, node: u32, link: Self::Link) -> Option<u32>;
-}
 
-/// When a search gives up.
-pub struct Limits<'a> {
-    /// Most nodes to expand.
-    pub budget: u64,
-    /// Asked every [`Limits::CANCEL_INTERVAL`] expansions; `true` stops the search.
-    pub cancel: Option<&'a mut dyn FnMut() -> bool>,
-}
-
-impl Limits<'_> {
-    /// Expansions between two questions to `cancel`: some 25 µs.
-    pub const CANCEL_INTERVAL: u64 = 1024;
-
-    /// No limits.
-    pub const fn none() -> Self {
-        Self { budget: u64::MAX, cancel: None }
+    /// A last word on a node before it is expanded: another cost and link, if those with which it was queued were a guess.
+    #[inline]
+    fn settle(&self, _at: Reached<Self::Link>, _nodes: &impl NodeStore<Self::Link>) -> Option<Known<Self::Link>> {
+        None
     }
 }
 
-/// Why a search ended.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-#[non_exhaustive]
-pub enum SearchEnd {
-    /// A goal was reached at least cost.
-    Goal {
-        /// The goal.
-        node: u32,
-        /// Cost of the way to it.
-        cost: u32,
-    },
-    /// Every node that can be reached was expanded.
-    Exhausted,
-    /// The budget ran out, or costs left the range of the integers (above four million straight steps).
-    Budget,
-    /// The callback asked to stop.
-    Cancelled,
-}
+/// What a search offers the space while a node is expanded.
+pub trait Frontier<L> {
+    /// What is known of a node so far.
+    fn known(&self, node: u32) -> Option<Known<L>>;
 
-/// What a search did.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct SearchResult {
-    /// Why it ended.
-    pub end: SearchEnd,
-    /// Nodes that were expanded.
-    pub expansions: u64,
-    /// The expanded node that the heuristic holds nearest to the goal; the start if nothing was expanded.
-    pub nearest: u32,
-}
-
-/// What is known of a node; valid if its generation is the search's.
-#[derive(Debug, Clone, Copy, Default)]
-struct Node<L> {
-    cost: u32,
-    generation: u16,
-    link: L,
+    /// A way to `node` of that cost from the start; kept if it is the cheapest one so far. A cost of `u32::MAX` stands for
+    /// whatever is too large to count.
+    fn reach(&mut self, node: u32, cost: u32, link: L);
 }
 
 /// Memory of a search, reused from query to query: nothing is allocated once it has seen the largest space.
 ///
-/// Nodes are stamped with the number of the query, so that a query costs what it expands and not the size of the map.
+/// A query costs what it expands and not the size of the space.
 ///
 /// ```
-/// use agv_plan::grid::{BucketQueue, Heuristic, Limits, SearchEnd, SearchSpace, Workspace, Zero};
+/// use agv_plan::grid::{Frontier, Limits, Reached, SearchEnd, SearchSpace, Workspace, Zero};
 ///
 /// /// The numbers below `n`; from k one may go to k + 1 at cost 3 and to 2 k at cost 5.
 /// struct Numbers(u32);
@@ -98,10 +83,10 @@ struct Node<L> {
 ///     fn max_step(&self) -> u32 {
 ///         5
 ///     }
-///     fn successors(&self, k: u32, _: Option<u32>, mut visit: impl FnMut(u32, u32, Option<u32>)) {
-///         for (next, cost) in [(k + 1, 3), (2 * k, 5)] {
+///     fn expand(&self, at: Reached<Option<u32>>, frontier: &mut impl Frontier<Option<u32>>) {
+///         for (next, step) in [(at.node + 1, 3), (2 * at.node, 5)] {
 ///             if next < self.0 {
-///                 visit(next, cost, Some(k));
+///                 frontier.reach(next, at.cost.saturating_add(step), Some(at.node));
 ///             }
 ///         }
 ///     }
@@ -110,27 +95,32 @@ struct Node<L> {
 ///     }
 /// }
 ///
-/// let mut workspace: Workspace<Option<u32>, BucketQueue> = Workspace::default();
+/// let mut workspace: Workspace<_> = Workspace::default();
 /// let result = workspace.search(&Numbers(100), &Zero, 1, |k| k == 24, &mut Limits::none());
 /// assert_eq!(result.end, SearchEnd::Goal { node: 24, cost: 21 });
 /// let mut way = Vec::new();
 /// workspace.trace_into(&Numbers(100), 24, &mut way);
 /// assert_eq!(way, [1, 2, 3, 6, 12, 24]);
+///
+/// // The same step by step: all that costs no more than 5.
+/// workspace.begin(&Numbers(100));
+/// workspace.add_start(&Zero, 1, 0);
+/// let mut near = Vec::new();
+/// while workspace.least_key().is_some_and(|key| key <= 5) {
+///     near.extend(workspace.expand_next(&Numbers(100), &Zero).map(|at| at.node));
+/// }
+/// assert_eq!(near, [1, 2]);
 /// ```
-#[derive(Debug, Clone)]
-pub struct Workspace<L, Q = BucketQueue> {
-    nodes: Vec<Node<L>>,
+#[derive(Debug, Clone, Default)]
+pub struct Workspace<L, Q = BucketQueue, N = DenseNodes<L>> {
+    nodes: N,
     open: Q,
-    generation: u16,
+    /// Some way was too long to be counted.
+    overflow: bool,
+    link: std::marker::PhantomData<L>,
 }
 
-impl<L: Copy + Default, Q: OpenList> Default for Workspace<L, Q> {
-    fn default() -> Self {
-        Self { nodes: Vec::new(), open: Q::default(), generation: 0 }
-    }
-}
-
-impl<L: Copy + Default, Q: OpenList> Workspace<L, Q> {
+impl<L: Copy + Default, Q: OpenList, N: NodeStore<L>> Workspace<L, Q, N> {
     /// Searches from `start` for a node that `is_goal` accepts.
     ///
     /// With a consistent heuristic the way found is of least cost and each node is expanded at most once. Constant time
@@ -148,110 +138,162 @@ impl<L: Copy + Default, Q: OpenList> Workspace<L, Q> {
         H: Heuristic,
     {
         self.begin(space);
-        let mut result = SearchResult { end: SearchEnd::Exhausted, expansions: 0, nearest: start };
-        let generation = self.generation;
-        // The nodes may outnumber this space's, if an earlier one was larger.
-        let Some(first) = self.nodes.get_mut(start as usize).filter(|_| (start as usize) < space.node_count()) else {
-            return result;
-        };
-        *first = Node { cost: 0, generation, link: L::default() };
-        self.open.push(heuristic.estimate(start), Entry { node: start, cost: 0 });
-        let (mut nearest_estimate, mut overflow) = (u32::MAX, false);
-        let mut pause = Self::next_pause(0, limits);
-        while let Some((key, entry)) = self.open.pop() {
-            let Entry { node, cost } = entry;
-            let known = self.nodes[node as usize];
-            if known.cost != cost {
-                continue;
-            }
-            if is_goal(node) {
-                result.end = SearchEnd::Goal { node, cost };
+        self.add_start(heuristic, start, 0);
+        let result = self.run(space, heuristic, is_goal, limits);
+        SearchResult { nearest: if result.expansions == 0 { start } else { result.nearest }, ..result }
+    }
+
+    /// Goes on from where the search stands: after [`begin`](Self::begin) and [`add_start`](Self::add_start), or after an
+    /// earlier end. The goal that ended a search is not looked at again.
+    pub fn run<S, H>(
+        &mut self,
+        space: &S,
+        heuristic: &H,
+        is_goal: impl Fn(u32) -> bool,
+        limits: &mut Limits<'_>,
+    ) -> SearchResult
+    where
+        S: SearchSpace<Link = L>,
+        H: Heuristic,
+    {
+        let mut result = SearchResult { end: SearchEnd::Exhausted, expansions: 0, nearest: u32::MAX };
+        let mut nearest_estimate = u32::MAX;
+        let mut pause = limits.next_pause(0);
+        while let Some((key, at)) = self.pop(space) {
+            if is_goal(at.node) {
+                result.end = SearchEnd::Goal { node: at.node, cost: at.cost };
                 return result;
             }
             if result.expansions >= pause {
-                if let Some(end) = Self::stopped(result.expansions, limits) {
+                if let Some(end) = limits.stopped(result.expansions) {
+                    // It was not expanded: whoever goes on finds it where it was.
+                    self.open.push(key, Entry { node: at.node, cost: at.cost });
                     result.end = end;
                     return result;
                 }
-                pause = Self::next_pause(result.expansions, limits);
+                pause = limits.next_pause(result.expansions);
             }
             result.expansions += 1;
-            let estimate = key.wrapping_sub(cost);
+            let estimate = key.wrapping_sub(at.cost);
             if estimate < nearest_estimate {
                 nearest_estimate = estimate;
-                result.nearest = node;
+                result.nearest = at.node;
             }
-            let (nodes, open) = (&mut self.nodes, &mut self.open);
-            space.successors(node, known.link, |next, step, link| {
-                let Some(slot) = nodes.get_mut(next as usize) else { return };
-                let (through, wrapped) = cost.overflowing_add(step);
-                overflow |= wrapped;
-                if (slot.generation == generation && slot.cost <= through) || wrapped {
-                    return;
-                }
-                *slot = Node { cost: through, generation, link };
-                open.push(through.saturating_add(heuristic.estimate(next)), Entry { node: next, cost: through });
-            });
+            self.expand(space, heuristic, at);
         }
-        if overflow {
+        if self.overflow {
             result.end = SearchEnd::Budget;
         }
         result
     }
 
+    /// Forgets the last search.
+    pub fn begin<S: SearchSpace<Link = L>>(&mut self, space: &S) {
+        let len = space.node_count();
+        self.nodes.begin(len);
+        // A consistent heuristic falls by at most the step, so keys rise by at most twice the step.
+        self.open.reset(space.max_step().saturating_mul(2), len);
+        self.overflow = false;
+    }
+
+    /// Adds a node to begin at (there may be several), reached at `cost`; false if there is no such node.
+    pub fn add_start(&mut self, heuristic: &impl Heuristic, node: u32, cost: u32) -> bool {
+        let is_new = self.nodes.get(node).is_none_or(|known| cost < known.cost);
+        let added = is_new && self.nodes.set(node, Known { cost, link: L::default() });
+        if added {
+            self.open.push(cost.saturating_add(heuristic.estimate(node)), Entry { node, cost });
+        }
+        added
+    }
+
+    /// Takes the node of least key from the open list, settled, and its key.
+    #[inline]
+    pub fn pop<S: SearchSpace<Link = L>>(&mut self, space: &S) -> Option<(u32, Reached<L>)> {
+        loop {
+            let (key, Entry { node, cost }) = self.open.pop()?;
+            // A cheaper way was found after the entry was queued, or the node was settled at another cost.
+            let Some(known) = self.nodes.get(node).filter(|known| known.cost == cost) else { continue };
+            let at = Reached { node, cost, link: known.link };
+            if let Some(known) = space.settle(at, &self.nodes) {
+                self.nodes.set(node, known);
+                return Some((key, Reached { node, cost: known.cost, link: known.link }));
+            }
+            return Some((key, at));
+        }
+    }
+
+    /// Queues what can be reached from a node.
+    #[inline]
+    pub fn expand<S: SearchSpace<Link = L>>(&mut self, space: &S, heuristic: &impl Heuristic, at: Reached<L>) {
+        let (nodes, open) = (&mut self.nodes, &mut self.open);
+        let mut growing = Growing { nodes, open, heuristic, overflow: false, link: std::marker::PhantomData };
+        space.expand(at, &mut growing);
+        self.overflow |= growing.overflow;
+    }
+
+    /// One round of the loop: the node that was expanded, if any was left.
+    pub fn expand_next<S: SearchSpace<Link = L>>(
+        &mut self,
+        space: &S,
+        heuristic: &impl Heuristic,
+    ) -> Option<Reached<L>> {
+        let (_, at) = self.pop(space)?;
+        self.expand(space, heuristic, at);
+        Some(at)
+    }
+
+    /// Least key in the open list: no way that is still to be found is cheaper. It may be that of a node which has been
+    /// reached more cheaply since.
+    #[inline]
+    pub fn least_key(&self) -> Option<u32> {
+        self.open.least_key()
+    }
+
     /// Cost of the way to `node` in the last search, if it was reached; final for nodes that were expanded.
     #[inline]
     pub fn cost(&self, node: u32) -> Option<u32> {
-        self.nodes.get(node as usize).filter(|n| n.generation == self.generation).map(|n| n.cost)
+        self.nodes.get(node).map(|known| known.cost)
     }
 
     /// How `node` was reached in the last search, if it was.
     #[inline]
     pub fn link(&self, node: u32) -> Option<L> {
-        self.nodes.get(node as usize).filter(|n| n.generation == self.generation).map(|n| n.link)
+        self.nodes.get(node).map(|known| known.link)
     }
 
     /// Writes the way from the start of the last search to `node`, both included; empty if it was not reached.
     pub fn trace_into<S: SearchSpace<Link = L>>(&self, space: &S, node: u32, way: &mut Vec<u32>) {
         way.clear();
-        if self.cost(node).is_none() {
-            return;
-        }
-        let mut node = node;
-        way.push(node);
-        while let Some(before) = self.nodes.get(node as usize).and_then(|n| space.predecessor(node, n.link)) {
-            node = before;
+        let mut next = self.nodes.get(node).map(|_| node);
+        while let Some(node) = next {
             way.push(node);
+            next = self.link(node).and_then(|link| space.predecessor(node, link));
         }
         way.reverse();
     }
+}
 
-    /// Forgets the last search.
-    fn begin<S: SearchSpace>(&mut self, space: &S) {
-        let len = space.node_count();
-        if self.nodes.len() < len {
-            self.nodes.resize(len, Node::default());
-        }
-        self.generation = self.generation.wrapping_add(1);
-        if self.generation == 0 {
-            // Once in 65 535 queries the stamps start anew.
-            self.nodes.fill(Node::default());
-            self.generation = 1;
-        }
-        // A consistent heuristic falls by at most the step, so keys rise by at most twice the step.
-        self.open.reset(space.max_step().saturating_mul(2), len);
+/// The frontier of a [`Workspace`].
+struct Growing<'a, L, Q, N, H> {
+    nodes: &'a mut N,
+    open: &'a mut Q,
+    heuristic: &'a H,
+    overflow: bool,
+    link: std::marker::PhantomData<L>,
+}
+
+impl<L: Copy, Q: OpenList, N: NodeStore<L>, H: Heuristic> Frontier<L> for Growing<'_, L, Q, N, H> {
+    #[inline]
+    fn known(&self, node: u32) -> Option<Known<L>> {
+        self.nodes.get(node)
     }
 
-    fn next_pause(expansions: u64, limits: &Limits<'_>) -> u64 {
-        let interval = if limits.cancel.is_some() { Limits::CANCEL_INTERVAL } else { u64::MAX };
-        limits.budget.min(expansions.saturating_add(interval))
-    }
-
-    #[cold]
-    fn stopped(expansions: u64, limits: &mut Limits<'_>) -> Option<SearchEnd> {
-        if expansions >= limits.budget {
-            return Some(SearchEnd::Budget);
+    #[inline]
+    fn reach(&mut self, node: u32, cost: u32, link: L) {
+        if cost == u32::MAX {
+            self.overflow = true;
+        } else if self.nodes.improve(node, Known { cost, link }) {
+            self.open.push(cost.saturating_add(self.heuristic.estimate(node)), Entry { node, cost });
         }
-        limits.cancel.as_mut().is_some_and(|cancel| cancel()).then_some(SearchEnd::Cancelled)
     }
 }

@@ -1,14 +1,13 @@
 //! A costmap as a graph: cells that may be entered, joined to their neighbours.
 
 use super::{
-    masks::{Connectivity, CornerRule, Pruning, row_masks},
-    search::SearchSpace,
+    masks::{Pruning, row_masks},
     step::{DIAGONAL, STRAIGHT, Step},
 };
 use crate::Error;
 use agv_core::{
     check,
-    grid::{Cell, Costmap, GridLayout, cost},
+    grid::{Cell, Connectivity, CornerRule, Costmap, GridLayout, cost},
 };
 
 /// What a planner makes of cells that nobody has observed.
@@ -207,38 +206,56 @@ impl GridSpace {
         self.params.cost_weight > 0.0
     }
 
-    /// The graph with steps that cost their length.
-    pub fn uniform(&self) -> Uniform<'_> {
-        Uniform { space: self, strides: self.strides() }
+    /// Number of cells; zero before the first [`update`](Self::update).
+    pub const fn len(&self) -> usize {
+        self.masks.len()
     }
 
-    /// The graph with steps that cost more near obstacles, as [`GridParams::cost_weight`] says.
-    pub fn weighted(&self) -> Weighted<'_> {
-        Weighted { space: self, strides: self.strides() }
+    /// Whether there are no cells yet.
+    pub const fn is_empty(&self) -> bool {
+        self.masks.is_empty()
+    }
+
+    pub(super) const fn canonical(&self) -> &Pruning {
+        &self.canonical
+    }
+
+    pub(super) const fn reverse_only(&self) -> &Pruning {
+        &self.reverse_only
+    }
+
+    pub(super) fn costs(&self) -> &[u8] {
+        &self.costs
+    }
+
+    pub(super) fn step_costs(&self) -> &[[u32; 2]; 256] {
+        &self.step_costs
     }
 
     /// How the node's number changes by each step, modulo 2^32.
-    fn strides(&self) -> [u32; 8] {
+    pub(super) fn strides(&self) -> [u32; 8] {
         let width = self.layout.map_or(0, |l| l.width() as u32);
         Step::ALL.map(|step| (step.dx() as u32).wrapping_add((step.dy() as u32).wrapping_mul(width)))
     }
 
-    /// Cost of the steps along `nodes` (which follow one another), in cells: from exact counts of straight and diagonal
-    /// steps, weighted by the cells' costs where the parameters say so.
+    /// Cost of the way along `nodes`, in cells: its length, from exact counts of straight and diagonal steps where it runs
+    /// along them, and weighted by the cells' costs where the parameters say so (then each node is a neighbour of the last).
     pub fn path_cost(&self, nodes: &[u32]) -> f64 {
         let (mut straight, mut diagonal) = (0_u64, 0_u64);
         let mut extra = 0.0;
         let weight = self.params.cost_weight / f64::from(cost::MAX_NON_OBSTACLE);
         for pair in nodes.windows(2) {
             let (a, b) = (self.cell(pair[0]), self.cell(pair[1]));
-            let is_diagonal = a.x != b.x && a.y != b.y;
-            if is_diagonal {
-                diagonal += 1;
+            let (dx, dy) = (a.x.abs_diff(b.x), a.y.abs_diff(b.y));
+            if dx == dy {
+                diagonal += u64::from(dx);
+            } else if dx.min(dy) == 0 {
+                straight += u64::from(dx.max(dy));
             } else {
-                straight += 1;
+                extra += f64::from(dx).hypot(f64::from(dy));
             }
             if self.is_weighted() {
-                let length = if is_diagonal { std::f64::consts::SQRT_2 } else { 1.0 };
+                let length = f64::from(dx).hypot(f64::from(dy));
                 extra += length * weight * 0.5 * (self.seen_cost(pair[0]) + self.seen_cost(pair[1]));
             }
         }
@@ -252,80 +269,5 @@ impl GridSpace {
             (Some(&value), _) => f64::from(value),
             (None, _) => 0.0,
         }
-    }
-}
-
-/// A [`GridSpace`] whose steps cost their length.
-#[derive(Debug, Clone, Copy)]
-pub struct Uniform<'a> {
-    space: &'a GridSpace,
-    strides: [u32; 8],
-}
-
-impl SearchSpace for Uniform<'_> {
-    type Link = Step;
-
-    fn node_count(&self) -> usize {
-        self.space.masks.len()
-    }
-
-    fn max_step(&self) -> u32 {
-        DIAGONAL
-    }
-
-    #[inline]
-    fn successors(&self, node: u32, arrival: Step, mut visit: impl FnMut(u32, u32, Step)) {
-        let mut open = self.space.canonical.successors(arrival, self.space.mask(node));
-        while open != 0 {
-            let bit = open.trailing_zeros();
-            open &= open - 1;
-            let step = if bit < 4 { STRAIGHT } else { DIAGONAL };
-            visit(node.wrapping_add(self.strides[bit as usize & 7]), step, Step::from_bit(bit));
-        }
-    }
-
-    #[inline]
-    fn predecessor(&self, node: u32, link: Step) -> Option<u32> {
-        self.strides.get(link.index()).map(|stride| node.wrapping_sub(*stride))
-    }
-}
-
-/// A [`GridSpace`] whose steps cost more where the costmap does.
-#[derive(Debug, Clone, Copy)]
-pub struct Weighted<'a> {
-    space: &'a GridSpace,
-    strides: [u32; 8],
-}
-
-impl SearchSpace for Weighted<'_> {
-    type Link = Step;
-
-    fn node_count(&self) -> usize {
-        self.space.masks.len()
-    }
-
-    fn max_step(&self) -> u32 {
-        (f64::from(DIAGONAL) * (1.0 + self.space.params.cost_weight)).ceil() as u32
-    }
-
-    #[inline]
-    fn successors(&self, node: u32, arrival: Step, mut visit: impl FnMut(u32, u32, Step)) {
-        let mut open = self.space.reverse_only.successors(arrival, self.space.mask(node));
-        let Some(&here) = self.space.costs.get(node as usize) else { return };
-        let from = self.space.step_costs[here as usize];
-        while open != 0 {
-            let bit = open.trailing_zeros();
-            open &= open - 1;
-            let next = node.wrapping_add(self.strides[bit as usize & 7]);
-            let there = self.space.costs.get(next as usize).copied().unwrap_or(cost::LETHAL);
-            let kind = usize::from(bit >= 4);
-            // The mean of the two cells, the same in both directions.
-            visit(next, u32::midpoint(from[kind], self.space.step_costs[there as usize][kind]), Step::from_bit(bit));
-        }
-    }
-
-    #[inline]
-    fn predecessor(&self, node: u32, link: Step) -> Option<u32> {
-        self.strides.get(link.index()).map(|stride| node.wrapping_sub(*stride))
     }
 }

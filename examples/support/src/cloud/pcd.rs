@@ -1,4 +1,10 @@
 //! PCD 0.7, the format of the Point Cloud Library: ascii, binary, and LZF-compressed (which stores column by column).
+//!
+//! `VIEWPOINT tx ty tz qw qx qy qz` is the pose of the sensor that the points were acquired from (PCL's `sensor_origin_` and
+//! `sensor_orientation_`). It becomes the cloud's [`base_from_sensor`](PointCloud::base_from_sensor), and is written from it:
+//! the points stay as they are stored, and `transform` by it does what PCL's `pcl_transform_from_viewpoint` does. Mind that
+//! some programs store points that are in the world frame already, with the viewpoint for the orientation of normals
+//! alone; nothing in a file tells the two apart.
 
 use super::{
     Encoding, lzf,
@@ -9,7 +15,11 @@ use crate::{
     fields::{Fields, shorten},
     input,
 };
-use agv_core::sensors::PointCloud;
+use agv_core::{
+    geometry::{LieGroup, Se3},
+    nalgebra::{Quaternion, UnitQuaternion, Vector3},
+    sensors::PointCloud,
+};
 use std::{fmt::Write as _, path::Path};
 
 /// Most numbers per point: descriptors of features have some hundred.
@@ -26,6 +36,7 @@ struct Header {
     columns: Vec<Column>,
     points: usize,
     data: Data,
+    viewpoint: Se3,
     lines: usize,
     bytes: usize,
 }
@@ -60,7 +71,7 @@ pub fn parse(input: &Input) -> Result<PointCloud, Error> {
         }
         Data::Compressed => compressed(input, &header, body, &mut builder)?,
     }
-    builder.finish()
+    Ok(builder.finish()?.with_mount(header.viewpoint)?)
 }
 
 fn ascii(input: &Input, header: &Header, builder: &mut Builder) -> Result<(), Error> {
@@ -114,7 +125,7 @@ fn compressed(input: &Input, header: &Header, body: &[u8], builder: &mut Builder
 /// Reads up to `DATA`. The body may be binary, so the lines are taken one by one.
 fn header(input: &Input) -> Result<Header, Error> {
     let [mut names, mut sizes, mut types, mut counts] = [const { Vec::<String>::new() }; 4];
-    let (mut points, mut lines, mut bytes) = (None, 0, 0);
+    let (mut points, mut viewpoint, mut lines, mut bytes) = (None, Se3::identity(), 0, 0);
     for raw in input.bytes().split_inclusive(|&byte| byte == b'\n') {
         lines += 1;
         bytes += raw.len();
@@ -125,7 +136,7 @@ fn header(input: &Input) -> Result<Header, Error> {
         let key = words.next().unwrap_or_default();
         let mut rest = || words.by_ref().map(str::to_owned).collect::<Vec<_>>();
         match key {
-            "" | "VERSION" | "WIDTH" | "HEIGHT" | "VIEWPOINT" => {}
+            "" | "VERSION" | "WIDTH" | "HEIGHT" => {}
             _ if key.starts_with('#') => {}
             "FIELDS" => names = rest(),
             "SIZE" => sizes = rest(),
@@ -135,6 +146,18 @@ fn header(input: &Input) -> Result<Header, Error> {
                 let mut fields = Fields::blank_separated(input, lines, text);
                 fields.text(key)?;
                 points = Some(fields.count("POINTS", usize::MAX)?);
+            }
+            "VIEWPOINT" => {
+                let mut fields = Fields::blank_separated(input, lines, text);
+                fields.text(key)?;
+                let [x, y, z, w, i, j, k] = fields.finite_array(["tx", "ty", "tz", "qw", "qx", "qy", "qz"])?;
+                let quaternion = Quaternion::new(w, i, j, k);
+                let norm = quaternion.norm();
+                // Written with six digits or so; anything else is a damaged file.
+                if (norm - 1.0).abs() > 1e-3 {
+                    return Err(fields.error(format_args!("the quaternion's norm is {norm}, not 1")));
+                }
+                viewpoint = Se3::from_parts(Vector3::new(x, y, z), UnitQuaternion::from_quaternion(quaternion).into());
             }
             "DATA" => {
                 let data = match rest().first().map(String::as_str) {
@@ -148,7 +171,7 @@ fn header(input: &Input) -> Result<Header, Error> {
                 };
                 let columns = columns(&names, &sizes, &types, &counts).map_err(|why| input.line_error(lines, why))?;
                 let points = points.ok_or_else(|| input.line_error(lines, "the header has no POINTS"))?;
-                return Ok(Header { columns, points, data, lines, bytes });
+                return Ok(Header { columns, points, data, viewpoint, lines, bytes });
             }
             word => return Err(input.line_error(lines, format_args!("`{}` is no header line", shorten(word)))),
         }
@@ -190,7 +213,7 @@ fn columns(names: &[String], sizes: &[String], types: &[String], counts: &[Strin
     Ok(columns)
 }
 
-/// Writes a PCD file with all channels of the cloud, gzipped if `path` ends in `.gz`.
+/// Writes a PCD file with all channels of the cloud and its mount as the viewpoint, gzipped if `path` ends in `.gz`.
 ///
 /// # Errors
 /// The operating system's refusal.
@@ -204,7 +227,11 @@ pub fn write(path: impl AsRef<Path>, cloud: &PointCloud, encoding: Encoding) -> 
     let _ = writeln!(header, "COUNT {}", each(&|_| "1".into()));
     let data = if encoding == Encoding::Ascii { "ascii" } else { "binary" };
     let points = cloud.len();
-    let _ = writeln!(header, "WIDTH {points}\nHEIGHT 1\nVIEWPOINT 0 0 0 1 0 0 0\nPOINTS {points}\nDATA {data}");
+    let (t, rotation) =
+        (cloud.base_from_sensor().translation(), UnitQuaternion::from(cloud.base_from_sensor().rotation()));
+    let [qx, qy, qz, qw]: [f64; 4] = rotation.coords.into();
+    let viewpoint = format!("{} {} {} {qw} {qx} {qy} {qz}", t.x, t.y, t.z);
+    let _ = writeln!(header, "WIDTH {points}\nHEIGHT 1\nVIEWPOINT {viewpoint}\nPOINTS {points}\nDATA {data}");
     let mut bytes = header.into_bytes();
     write_rows(cloud, encoding, &mut bytes);
     input::write(path, &bytes)
@@ -214,7 +241,7 @@ pub fn write(path: impl AsRef<Path>, cloud: &PointCloud, encoding: Encoding) -> 
 mod tests {
     use super::*;
     use crate::testing::{Scratch, survives_damage};
-    use agv_core::nalgebra::Vector3;
+    use agv_core::geometry::So3;
 
     const ASCII: &str = "# .PCD v.7\nVERSION .7\nFIELDS x y z rgb n t\nSIZE 4 4 4 4 4 4\nTYPE F F F F F U\nCOUNT 1 1 1 1 2 1\nWIDTH 1\nHEIGHT 1\nPOINTS 1\nDATA ascii\n1 2 3 4 5 6 500000000\n";
 
@@ -226,6 +253,30 @@ mod tests {
         for encoding in [Encoding::Ascii, Encoding::Binary] {
             write(scratch.path("a.pcd.gz"), &cloud, encoding).unwrap();
             assert_eq!(super::super::read(scratch.path("a.pcd")).unwrap(), cloud);
+        }
+    }
+
+    #[test]
+    fn the_viewpoint_is_the_sensor_s_pose() {
+        // A sensor 2 m up that looks to the left: what lies 1 m before it lies on the vehicle's left.
+        let turn = std::f64::consts::FRAC_1_SQRT_2;
+        let text = format!("VIEWPOINT 0.5 0 2 {turn:.6} 0 0 {turn:.6}\nDATA ascii");
+        let text = ASCII.replacen("DATA ascii", &text, 1).replacen("1 2 3", "1 0 0", 1);
+        let mut cloud = parse(&Input::new("a.pcd", text.as_str())).unwrap();
+        let stored = cloud.clone();
+        assert_eq!(cloud.points().next(), Some(Vector3::new(1.0, 0.0, 0.0)));
+        cloud.transform(&stored.base_from_sensor());
+        let point = cloud.points().next().unwrap();
+        assert!((point - Vector3::new(0.5, 1.0, 2.0)).norm() < 1e-5, "{point}");
+
+        let attitude = So3::from_roll_pitch_yaw(0.1, -0.4, 2.0);
+        let mount = Se3::from_parts(Vector3::new(1.0 / 3.0, -1e-9, 1e3), attitude);
+        let scratch = Scratch::new("pcd-viewpoint");
+        for encoding in [Encoding::Ascii, Encoding::Binary] {
+            write(scratch.path("a.pcd"), &stored.clone().with_mount(mount).unwrap(), encoding).unwrap();
+            let read = super::super::read(scratch.path("a.pcd")).unwrap();
+            assert_eq!(read.base_from_sensor().translation(), mount.translation());
+            assert!(read.base_from_sensor().minus(&mount).norm() < 1e-15);
         }
     }
 
@@ -281,6 +332,9 @@ mod tests {
             ("COUNT 1 1", "COUNT 1", "differ in length"),
             ("COUNT 1 1", "COUNT 1 99999", "wrong COUNT"),
             ("FIELDS x", "FIELDS q", "the points have no `x`"),
+            ("HEIGHT 1", "VIEWPOINT 0 0 0 1 0 0", ":8: the line ends before field 8 (qz)"),
+            ("HEIGHT 1", "VIEWPOINT 0 0 nan 1 0 0 0", ":8: field 4 (tz) must be finite"),
+            ("HEIGHT 1", "VIEWPOINT 0 0 0 0 0 0 0", ":8: the quaternion's norm is 0, not 1"),
             ("WIDTH", "WEDTH", ":7: `WEDTH` is no header line"),
             ("1 2 3 4", "1 z 3 4", ":11: field 2 (y) must be a number, got `z`"),
         ] {

@@ -17,7 +17,7 @@ use super::{LogEntry, OdometryEntry, ScanLog, sick_geometry};
 use crate::{Error, Input, fields::Fields};
 use agv_core::{
     geometry::{LieGroup, Se2},
-    sensors::{LaserScan, ScanGeometry},
+    sensors::{LaserScan, ScanGeometry, SensorId},
     time::Stamp,
 };
 
@@ -88,6 +88,7 @@ fn robot_laser(mut fields: Line<'_>, line: usize) -> Result<LogEntry, Error> {
     fields.finite_array(["tv", "rv", "forward_safety_dist", "side_safety_dist", "turn_axis"])?;
     let stamp = stamp(&mut fields)?;
     let geometry = ScanGeometry {
+        sensor: SensorId::default(),
         base_from_sensor: odom_from_base.between(&odom_from_laser),
         angle_min,
         angle_increment,

@@ -9,7 +9,7 @@ pub mod scan_text;
 use crate::{Error, Input};
 use agv_core::{
     geometry::Se2,
-    sensors::{LaserScan, ScanGeometry},
+    sensors::{LaserScan, ScanGeometry, SensorId},
     time::Stamp,
 };
 use std::path::Path;
@@ -126,6 +126,7 @@ pub(crate) fn sick_geometry(beams: usize) -> ScanGeometry {
         _ => (-90.0, 180.0 / (beams.max(2) - 1) as f64),
     };
     ScanGeometry {
+        sensor: SensorId::default(),
         base_from_sensor: Se2::default(),
         angle_min: f64::to_radians(start),
         angle_increment: f64::to_radians(step),

@@ -8,7 +8,7 @@
 
 use super::{LogEntry, ScanLog};
 use crate::{Error, Input, fields::Fields};
-use agv_core::sensors::{LaserScan, ScanGeometry};
+use agv_core::sensors::{LaserScan, ScanGeometry, SensorId};
 
 /// Reads a `SCAN` log from memory.
 ///
@@ -33,6 +33,7 @@ pub fn parse(input: &Input) -> Result<ScanLog, Error> {
         let range_max = fields.finite("maxRange")?;
         let ranges = fields.readings("r", beams)?;
         let geometry = ScanGeometry {
+            sensor: SensorId::default(),
             base_from_sensor,
             angle_min: -sign * aperture / 2.0,
             angle_increment: sign * aperture / (beams.max(2) - 1) as f64,

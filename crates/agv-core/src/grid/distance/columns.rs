@@ -79,6 +79,8 @@ impl Columns {
     }
 
     /// Column distances of row `row` of a band, in cells.
+    #[expect(clippy::inline_always, reason = "compiled with the rows, for the instruction set found at run time")]
+    #[inline(always)]
     pub(super) fn row_into(&self, band: usize, row: usize, out: &mut [i32]) {
         let width = self.width;
         let rows = (self.height - band * BAND).min(BAND);

@@ -1,32 +1,60 @@
 //! The row part of the distance transform: the lower envelope of one parabola per column.
 //!
-//! With `F(i) = g²(i) + i²` the value at `x` is `x² + min_i (F(i) - 2 i x)`. Parabolas are taken from left to right and
-//! kept on a stack with the column where each begins to be least; as in Meijster, Roerdink and Hesselink, *A general
-//! algorithm for computing distance transforms in linear time* (2000), only columns count, not points between them, so
-//! that integers do: one product says whether the last parabola is beaten, one division where the new one begins.
+//! The value at `x` is `min_i (x - i)² + g²(i)` over the columns `i` with an obstacle within reach. Felzenszwalb and
+//! Huttenlocher keep the envelope's parabolas on a stack; every column then waits for a division and for branches that no
+//! processor foresees. Here the same envelope is found by its other property: parabolas of one shape cross once, so the
+//! column that is least at `x` never moves left as `x` moves right (the matrix is totally monotone; Aggarwal et al.,
+//! *Geometric applications of a matrix-searching algorithm*, 1987). The least columns of every [`BLOCK`]th cell are
+//! searched by halving, each between those of its neighbours and no farther off than its own `g`; the cells of a block
+//! then look at what lies between the least columns of its ends. Each level of the halving reads every column about once,
+//! in plain loops that vectorise: O(width · log(width / `BLOCK`)) with a small constant, at most ten levels.
+
+#![expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set found at run time")]
 
 use super::{BAND, columns::Columns};
 use crate::compute::Split;
+use pulp::{Arch, Simd, WithSimd};
 
-/// A parabola of the envelope: column `i`, `F(i)`, and the first column where it is least.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Site {
-    column: i32,
-    height: i32,
-    start: i32,
+/// Cells that are evaluated together.
+const BLOCK: usize = 32;
+
+/// Candidates that are compared together.
+const LANES: usize = 8;
+
+/// Memory for the rows of a band.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Scratch {
+    /// Per column `g`, then the squared distances.
+    values: Vec<i32>,
+    /// Columns with an obstacle within reach and their `g²`, and the last of them [`LANES`] times more.
+    columns: Vec<i32>,
+    heights: Vec<i32>,
+    /// Number of such columns before each column of the row, and before its end.
+    before: Vec<i32>,
+    /// Place among the columns of the one that is least at every [`BLOCK`]th cell, and at the last.
+    least: Vec<i32>,
 }
 
-/// Rows of the result with a row of scratch per band, cut between bands.
+impl Scratch {
+    fn resize(&mut self, width: usize) {
+        self.values.resize(width, 0);
+        self.columns.resize(width + LANES, 0);
+        self.heights.resize(width + LANES, 0);
+        self.before.resize(width + 1, 0);
+        self.least.resize(width.div_ceil(BLOCK) + 1, 0);
+    }
+}
+
+/// Rows of the result with scratch per band, cut between bands.
 pub(super) struct Bands<'a, T> {
     width: usize,
     out: &'a mut [T],
-    sites: &'a mut [Site],
-    squared: &'a mut [i32],
+    scratch: &'a mut [Scratch],
 }
 
 impl<'a, T> Bands<'a, T> {
-    pub(super) fn new(width: usize, out: &'a mut [T], sites: &'a mut [Site], squared: &'a mut [i32]) -> Self {
-        Self { width, out, sites, squared }
+    pub(super) fn new(width: usize, out: &'a mut [T], scratch: &'a mut [Scratch]) -> Self {
+        Self { width, out, scratch }
     }
 }
 
@@ -37,90 +65,193 @@ impl<T: Send> Split for Bands<'_, T> {
 
     /// `mid` is a multiple of [`BAND`]: the loop over chunks of `BAND` rows cuts nowhere else.
     fn split_at(self, mid: usize) -> (Self, Self) {
-        let scratch = mid / BAND * self.width;
         let (out_a, out_b) = self.out.split_at_mut(mid * self.width);
-        let (sites_a, sites_b) = self.sites.split_at_mut(scratch);
-        let (squared_a, squared_b) = self.squared.split_at_mut(scratch);
+        let (scratch_a, scratch_b) = self.scratch.split_at_mut(mid / BAND);
         (
-            Self { width: self.width, out: out_a, sites: sites_a, squared: squared_a },
-            Self { width: self.width, out: out_b, sites: sites_b, squared: squared_b },
+            Self { width: self.width, out: out_a, scratch: scratch_a },
+            Self { width: self.width, out: out_b, scratch: scratch_b },
         )
     }
 }
 
-impl<T: Copy> Bands<'_, T> {
-    /// Computes the rows of band `band`; parabolas farther than `reach` cells are left out, and `nothing` is the value
-    /// of a row that has none.
-    pub(super) fn run(self, band: usize, columns: &Columns, reach: i16, nothing: T, finish: &impl Fn(i32) -> T) {
-        let (sites, squared) = (&mut self.sites[..self.width], &mut self.squared[..self.width]);
-        for (row, out) in self.out.chunks_exact_mut(self.width).enumerate() {
-            columns.row_into(band, row, squared);
-            let len = envelope(squared, reach, sites);
-            if len == 0 {
-                out.fill(nothing);
+/// A band's rows, compiled for the instruction set that is found at run time.
+pub(super) struct Band<'a, 'b, T, F> {
+    pub(super) rows: Bands<'a, T>,
+    /// Number of the band in the map.
+    pub(super) number: usize,
+    pub(super) columns: &'b Columns,
+    /// Parabolas of columns whose obstacle is farther than this are left out, in cells.
+    pub(super) reach: i16,
+    /// Value of a row that has no parabola.
+    pub(super) nothing: T,
+    pub(super) finish: &'b F,
+}
+
+impl<T: Copy, F: Fn(i32) -> T> Band<'_, '_, T, F> {
+    pub(super) fn run(self) {
+        Arch::new().dispatch(self);
+    }
+}
+
+impl<T: Copy, F: Fn(i32) -> T> WithSimd for Band<'_, '_, T, F> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let width = self.rows.width;
+        let Some(scratch) = self.rows.scratch.first_mut() else { return };
+        scratch.resize(width);
+        for (row, out) in self.rows.out.chunks_exact_mut(width).enumerate() {
+            self.columns.row_into(self.number, row, &mut scratch.values);
+            let count = scratch.collect(i32::from(self.reach));
+            if count == 0 {
+                out.fill(self.nothing);
             } else {
-                evaluate(&sites[..len], squared);
-                convert(squared, out, finish);
+                scratch.find_least(count);
+                scratch.evaluate();
+                convert(&scratch.values, out, self.finish);
             }
         }
     }
 }
 
 /// A function of its own, so that the compiler knows the slices apart and vectorises.
-#[inline]
+#[inline(always)]
 fn convert<T: Copy>(squared: &[i32], out: &mut [T], finish: &impl Fn(i32) -> T) {
     for (value, &squared) in out.iter_mut().zip(squared) {
         *value = finish(squared);
     }
 }
 
-/// The parabolas that are least somewhere, among those with `g(i) <= reach`; returns their number.
-fn envelope(column_distances: &[i32], reach: i16, sites: &mut [Site]) -> usize {
-    let end = column_distances.len() as i32;
-    let mut len = 0;
-    let mut last = Site::default();
-    for (column, &g) in (0_i32..).zip(column_distances) {
-        if g > i32::from(reach) {
-            continue;
-        }
-        let height = g * g + column * column;
-        // The last parabola goes if the new one is not greater where the last one's part begins. With sides below 2^15
-        // all numbers are below 2^31.
-        while len > 0 && height - last.height <= 2 * last.start * (column - last.column) {
-            len -= 1;
-            if len > 0 {
-                last = sites[len - 1];
+impl Scratch {
+    /// Collects the columns with `g <= reach`, and returns how many there are.
+    #[inline(always)]
+    fn collect(&mut self, reach: i32) -> usize {
+        let width = self.values.len();
+        let (columns, heights) = (&mut self.columns[..width + LANES], &mut self.heights[..width + LANES]);
+        let (blocks, rest) = self.values.as_chunks::<LANES>();
+        let (befores, befores_of_rest) = self.before.as_chunks_mut::<LANES>();
+        let mut count = 0;
+        for (first, (g, before)) in (0..).step_by(LANES).zip(blocks.iter().zip(befores.iter_mut())) {
+            if g.iter().all(|&g| g <= reach) {
+                let (columns, heights) = (&mut columns[count..][..LANES], &mut heights[count..][..LANES]);
+                for lane in 0..LANES {
+                    before[lane] = (count + lane) as i32;
+                    columns[lane] = first + lane as i32;
+                    heights[lane] = g[lane] * g[lane];
+                }
+                count += LANES;
+            } else {
+                count = collect_some(first, g, reach, before, columns, heights, count);
             }
         }
-        let start = if len == 0 { 0 } else { last.crossing(column, height) };
-        if start < end {
-            last = Site { column, height, start };
-            sites[len] = last;
-            len += 1;
+        let first = (blocks.len() * LANES) as i32;
+        let before = befores.get_mut(blocks.len()).map_or(befores_of_rest, |block| &mut block[..]);
+        count = collect_some(first, rest, reach, before, columns, heights, count);
+        self.before[self.values.len()] = count as i32;
+        if count > 0 {
+            let (column, height) = (self.columns[count - 1], self.heights[count - 1]);
+            self.columns[count..][..LANES].fill(column);
+            self.heights[count..][..LANES].fill(height);
+        }
+        count
+    }
+
+    /// Fills in [`least`](Self::least), halving the distance between its known entries until all are.
+    #[inline(always)]
+    fn find_least(&mut self, count: usize) {
+        let last = self.values.len().div_ceil(BLOCK);
+        self.least[0] = self.search(0, 0, count as i32 - 1);
+        self.least[last] = self.search(last, self.least[0], count as i32 - 1);
+        let mut stride = last.next_power_of_two();
+        while stride > 1 {
+            let half = stride / 2;
+            for point in (half..last).step_by(stride) {
+                let (low, high) = (self.least[point - half], self.least[(point + half).min(last)]);
+                self.least[point] = if low == high { low } else { self.search(point, low, high) };
+            }
+            stride = half;
         }
     }
-    len
-}
 
-/// Writes the envelope's value in every column.
-fn evaluate(sites: &[Site], squared: &mut [i32]) {
-    let mut stop = squared.len();
-    for site in sites.iter().rev() {
-        let start = site.start as usize;
-        let base = site.height - site.column * site.column;
-        for (dx, squared) in (site.start - site.column..).zip(&mut squared[start..stop]) {
-            *squared = dx * dx + base;
+    /// The parabola from `low` to `high` that is least at the `point`th block's first cell.
+    #[inline(always)]
+    fn search(&self, point: usize, low: i32, high: i32) -> i32 {
+        let width = self.values.len();
+        let x = (point * BLOCK).min(width - 1);
+        // The column's own obstacle is `g` away, so no better one is farther off.
+        let g = self.values[x] as usize;
+        let low = low.max(self.before[x.saturating_sub(g)]);
+        let high = high.min(self.before[(x + g + 1).min(width)] - 1).max(low);
+        let x = x as i32;
+        let mut best = [i32::MAX; LANES];
+        let mut place = [low; LANES];
+        // What is read beyond `high` is as good a candidate as any, but one on a tie must not pass its neighbours.
+        let len = (high - low) as usize / LANES * LANES + LANES;
+        let (columns, _) = self.columns[low as usize..][..len].as_chunks::<LANES>();
+        let (heights, _) = self.heights[low as usize..][..len].as_chunks::<LANES>();
+        for (first, (columns, heights)) in (low..).step_by(LANES).zip(columns.iter().zip(heights)) {
+            for lane in 0..LANES {
+                let way = x - columns[lane];
+                let value = way * way + heights[lane];
+                place[lane] = if value < best[lane] { first } else { place[lane] };
+                best[lane] = best[lane].min(value);
+            }
         }
-        stop = start;
+        let least = best.iter().fold(i32::MAX, |least, &value| least.min(value));
+        let mut found = high;
+        for lane in 0..LANES {
+            let candidate = place[lane] + lane as i32;
+            found = if best[lane] == least { found.min(candidate) } else { found };
+        }
+        found
+    }
+
+    /// Writes the envelope's value in every column.
+    #[inline(always)]
+    fn evaluate(&mut self) {
+        let (columns, heights, least) = (&self.columns[..], &self.heights[..], &self.least[..]);
+        let (blocks, rest) = self.values.as_chunks_mut::<BLOCK>();
+        for ((first, block), ends) in (0_i32..).step_by(BLOCK).zip(blocks.iter_mut()).zip(least.windows(2)) {
+            *block = evaluate_block(first, columns, heights, ends[0], ends[1]);
+        }
+        if let (&[low, high], false) = (&least[blocks.len()..], rest.is_empty()) {
+            let block = evaluate_block((blocks.len() * BLOCK) as i32, columns, heights, low, high);
+            rest.copy_from_slice(&block[..rest.len()]);
+        }
     }
 }
 
-impl Site {
-    /// First column beyond the crossing with the parabola of a later `column`; at the crossing both are equal.
-    ///
-    /// The quotient of integers below 2^31 and 2^16 is never rounded across an integer in f64.
-    #[inline]
-    fn crossing(self, column: i32, height: i32) -> i32 {
-        (f64::from(height - self.height) / f64::from(2 * (column - self.column))) as i32 + 1
+/// Appends the columns from `first` on with `g <= reach` to the `count` that there are.
+#[inline(always)]
+fn collect_some(
+    first: i32,
+    distances: &[i32],
+    reach: i32,
+    before: &mut [i32],
+    columns: &mut [i32],
+    heights: &mut [i32],
+    mut count: usize,
+) -> usize {
+    for (column, (&g, before)) in (first..).zip(distances.iter().zip(before)) {
+        *before = count as i32;
+        columns[count] = column;
+        heights[count] = g.wrapping_mul(g);
+        count += usize::from(g <= reach);
     }
+    count
+}
+
+/// The least of the parabolas from `low` to `high`, at the columns from `first` on.
+#[inline(always)]
+fn evaluate_block(first: i32, columns: &[i32], heights: &[i32], low: i32, high: i32) -> [i32; BLOCK] {
+    let range = low as usize..=high as usize;
+    let mut least = [i32::MAX; BLOCK];
+    for (&column, &height) in columns[range.clone()].iter().zip(&heights[range]) {
+        let way = first - column;
+        for (lane, least) in (0..).zip(&mut least) {
+            *least = (*least).min((way + lane) * (way + lane) + height);
+        }
+    }
+    least
 }

@@ -32,6 +32,9 @@ pub struct RayHit {
 }
 
 /// The map with a border of one cell, one byte per cell, and its transpose: rays along y read memory in order too.
+///
+/// A byte is the [`STATE`] of its cell, with [`BAND`] set unless the cell and the [`TOGETHER`] rows above it are free: eight
+/// bytes of a row tell whether a ray may pass eight columns.
 #[derive(Debug, Clone)]
 struct Raster {
     width: usize,
@@ -40,8 +43,33 @@ struct Raster {
     transposed: Vec<u8>,
 }
 
+/// The bits of a cell's own state: free, an obstacle, or the border.
+const STATE: u8 = 3;
+
 /// The raster's border: the ray leaves the map.
 const BORDER: u8 = 2;
+
+/// Whether the cell, or one of those in the next [`TOGETHER`] rows, is not free.
+const BAND: u8 = 4;
+
+/// Columns that are looked at together.
+const TOGETHER: usize = 8;
+
+impl Raster {
+    /// Sets [`BAND`]: the rows above are looked at by doubling.
+    fn look_above(cells: &mut [u8], width: usize) {
+        let mut above: Vec<u8> = cells.iter().map(|&state| if state == 0 { 0 } else { BAND }).collect();
+        // Up to the border all rows are known; beyond the last there is nothing to look at.
+        for rows in [1, 2, 4, 1] {
+            for index in 0..above.len().saturating_sub(rows * width) {
+                above[index] |= above[index + rows * width];
+            }
+        }
+        for (cell, above) in cells.iter_mut().zip(above) {
+            *cell |= above;
+        }
+    }
+}
 
 /// Casts rays into a map.
 ///
@@ -100,8 +128,10 @@ impl RayCaster {
             }
         }
         let transposed = (0..width * height).map(|i| cells[(i % height) * width + i / height]).collect();
-        let raster = Raster { width, height, cells, transposed };
+        let mut raster = Raster { width, height, cells, transposed };
         let wedges = Wedges::new(&raster);
+        Raster::look_above(&mut raster.cells, width);
+        Raster::look_above(&mut raster.transposed, height);
         Ok(Self { layout, grid_yaw: layout.map_from_grid().yaw(), raster, wedges })
     }
 
@@ -177,36 +207,54 @@ impl RayCaster {
             };
             next = ray.entry(k + 1);
         }
+        // Where the eight columns and nine rows ahead begin: a ray that falls, or runs backwards, is in the last.
+        let together = TOGETHER as i64;
+        let lowest = if ray.slope < 0 { pitch - together * pitch } else { pitch };
+        let corner = if ray.step < 0 { lowest - (together - 1) } else { lowest };
         // The border keeps indices inside: a column's second cell is at most one row off its first, and a first cell
         // in the border ends the ray.
         let mut column = ray.column + k * ray.step + 1;
         let mut recheck = k + 1;
         while k <= ray.columns {
             let (row, next_row) = (Ray::row(y), Ray::row(next));
-            let (a, b) =
-                (cells[(row * pitch + column + pitch) as usize], cells[(next_row * pitch + column + pitch) as usize]);
-            if a | b != 0 {
-                let (state, row, second) = if a != 0 { (a, row, false) } else { (b, next_row, true) };
-                return if state == BORDER { None } else { self.hit(ray, k, row, second) };
+            let at = |row: i64| cells[(row * pitch + column + pitch) as usize];
+            let (a, b) = (at(row), at(next_row));
+            if (a | b) & STATE != 0 {
+                let (state, row, second) = if a & STATE != 0 { (a, row, false) } else { (b, next_row, true) };
+                return if state & STATE == BORDER { None } else { self.hit(ray, k, row, second) };
             }
             (k, column, y) = (k + 1, column + ray.step, next);
-            if let Some((table, stride)) = table
-                && k >= recheck
-            {
-                // Free columns ahead: as many single steps at once.
-                loop {
-                    let block = ((Ray::row(y) + 1) >> skip::BLOCK) * stride + (column >> skip::BLOCK);
-                    let free = i64::from(table[block as usize]);
-                    (k, column, y) = (k + free, column + free * ray.step, y + free * ray.slope);
-                    if free == 0 || k > ray.columns {
-                        break;
+            if k >= recheck {
+                if let Some((table, stride)) = table {
+                    // Free columns ahead: as many single steps at once.
+                    loop {
+                        let block = ((Ray::row(y) + 1) >> skip::BLOCK) * stride + (column >> skip::BLOCK);
+                        let free = i64::from(table[block as usize]);
+                        (k, column, y) = (k + free, column + free * ray.step, y + free * ray.slope);
+                        if free == 0 || k > ray.columns {
+                            break;
+                        }
                     }
+                    recheck = k + (1 << skip::BLOCK);
+                } else {
+                    while Self::are_free(cells, Ray::row(y) * pitch + column + corner) && k <= ray.columns {
+                        (k, column, y) = (k + together, column + together * ray.step, y + together * ray.slope);
+                    }
+                    recheck = k + together / 2;
                 }
-                recheck = k + (1 << skip::BLOCK);
             }
             next = y + ray.slope;
         }
         None
+    }
+
+    /// Whether the cells from `first` on in a row, and those above them, are free; not if some are off the raster.
+    #[inline]
+    fn are_free(cells: &[u8], first: i64) -> bool {
+        let Some((band, _)) = cells.get(first as usize..).and_then(<[u8]>::split_first_chunk::<TOGETHER>) else {
+            return false;
+        };
+        u64::from_ne_bytes(*band) & u64::from_ne_bytes([BAND; TOGETHER]) == 0
     }
 
     #[inline]
@@ -245,7 +293,7 @@ impl RayCaster {
                         return Entry::At(k);
                     }
                     let Cell { x, y } = ray.cell(k, row);
-                    if self.raster.cells[(y as usize + 1) * self.raster.width + x as usize + 1] != 0 {
+                    if self.raster.cells[(y as usize + 1) * self.raster.width + x as usize + 1] & STATE != 0 {
                         return self.hit(ray, k, row, second).map_or(Entry::Never, Entry::Hit);
                     }
                 }

@@ -33,11 +33,19 @@ pub(super) struct Ray {
     pub(super) columns: i64,
     /// Start along the minor axis, in cells.
     minor: f64,
-    /// Cells along the ray from the start to the end of its column, and per column, and per row.
+    /// Direction along the minor axis.
+    minor_direction: f64,
+    /// Cells along the ray from the start to the end of its column, and per column.
     to_first: f64,
     per_column: f64,
-    per_row: f64,
     length: f64,
+}
+
+/// The whole number below, of a number below 2^62, without the call that older processors need.
+#[inline]
+fn floor(number: f64) -> i64 {
+    let whole = number as i64;
+    whole - i64::from(whole as f64 > number)
 }
 
 impl Ray {
@@ -58,25 +66,25 @@ impl Ray {
         } else {
             (origin.y, origin.x, direction.y, direction.x)
         };
-        let column = major.floor();
+        let column = floor(major);
         // A ray backwards from a line has left its column at once.
-        let to_edge = if du > 0.0 { column + 1.0 - major } else { major - column };
+        let to_edge = if du > 0.0 { column as f64 + 1.0 - major } else { major - column as f64 };
         let per_column = 1.0 / du.abs();
         let slope = dv * per_column;
         let to_first = to_edge * per_column;
-        let start = (minor * ONE).floor() as i64;
+        let start = floor(minor * ONE);
         Some(Self {
             along_x,
             step: if du > 0.0 { 1 } else { -1 },
             slope: (slope * ONE) as i64,
-            column: column as i64,
+            column,
             start,
             first: start + (slope * to_edge * ONE) as i64,
-            columns: ((length - to_first) * du.abs() + 1.0).floor().max(0.0) as i64,
+            columns: ((length - to_first) * du.abs() + 1.0).max(0.0) as i64,
             minor,
             to_first,
             per_column,
-            per_row: if dv == 0.0 { f64::INFINITY } else { 1.0 / dv.abs() },
+            minor_direction: dv,
             length,
         })
     }
@@ -108,7 +116,9 @@ impl Ray {
         let range = if second {
             // The line between the two cells; rounding may not move it out of the column.
             let line = if self.slope > 0 { row as f64 - self.minor } else { self.minor - (row + 1) as f64 };
-            (line * self.per_row).clamp(entry, self.to_first + k as f64 * self.per_column)
+            // Rays along a row have no second cells.
+            let per_row = 1.0 / self.minor_direction.abs();
+            (line * per_row).clamp(entry, self.to_first + k as f64 * self.per_column)
         } else {
             entry
         };

@@ -2,9 +2,10 @@
 
 use super::{LawViolation, NOT_FINITE, ensure};
 use crate::{
-    geometry::LieGroup,
+    geometry::{LieGroup, UncertainPose, propagate_covariance},
     odometry::MotionIncrement,
-    roles::{Correct, LocalizationError, Localizer, PoseBelief, PoseEstimate, UpdateOutcome},
+    roles::{Correct, LocalizationError, LocalizationStatus, Localizer, PoseBelief, PoseEstimate, UpdateOutcome},
+    sensors::Observation,
 };
 
 const ROLE: &str = "Localizer";
@@ -30,44 +31,38 @@ pub fn localizer<G: LieGroup>(
     covariance: &G::Matrix,
     motion: &MotionIncrement<G>,
 ) -> Result<(), LawViolation> {
-    let unknown = player.estimate();
-    ensure(ROLE, "before the first belief variances are infinite", variances(&unknown).all(f64::is_infinite))?;
+    ensure(ROLE, "before the first belief there is no estimate", player.estimate().is_none())?;
+    let status = player.status();
+    ensure(ROLE, "before the first belief the status says so", status == LocalizationStatus::Uninitialized)?;
     let early = player.predict(motion);
     ensure(ROLE, "a motion before the first belief is refused", early == Err(LocalizationError::NotInitialized))?;
 
-    for value in NOT_FINITE {
-        let nowhere = G::exp(&G::tangent_from_slice(&[value]));
-        let refused = player.initialize(&PoseBelief::around(nowhere, *covariance)).is_err()
-            && player.initialize(&PoseBelief::around(*start, *covariance * value)).is_err();
-        ensure(ROLE, "a belief that is not finite is refused", refused)?;
-    }
-    let negative = player.initialize(&PoseBelief::around(*start, *covariance * -1.0));
-    ensure(ROLE, "a covariance that is not positive is refused", negative.is_err())?;
-    ensure(ROLE, "a refused belief changes nothing", same(&player.estimate(), &unknown))?;
+    let belief = UncertainPose::new(*start, *covariance).ok();
+    let initialized = belief.is_some_and(|pose| player.initialize(&PoseBelief::Around(pose)).is_ok());
+    ensure(ROLE, "a good belief is taken", initialized)?;
+    let before = known(player)?;
+    ensure(ROLE, "the estimate is near the belief", near(&before, start, covariance))?;
+    let is_converging = matches!(player.status(), LocalizationStatus::Converging { .. });
+    ensure(ROLE, "a belief that no observation confirmed is not trusted", is_converging)?;
 
-    let initialized = player.initialize(&PoseBelief::around(*start, *covariance));
-    ensure(ROLE, "a good belief is taken", initialized.is_ok())?;
-    ensure(ROLE, "the estimate is near the belief", near(&player.estimate(), start, covariance))?;
-
-    let before = player.estimate();
     for value in NOT_FINITE {
         let nowhere = MotionIncrement { start_from_end: G::exp(&G::tangent_from_slice(&[value])), ..*motion };
         let vague = MotionIncrement { covariance: G::identity_matrix() * value, ..*motion };
         let refused = player.predict(&nowhere).is_err() && player.predict(&vague).is_err();
         ensure(ROLE, "a motion that is not finite is refused", refused)?;
     }
-    ensure(ROLE, "a refused motion changes nothing", same(&player.estimate(), &before))?;
+    ensure(ROLE, "a refused motion changes nothing", known(player)? == before)?;
 
     ensure(ROLE, "a good motion is taken", player.predict(motion).is_ok())?;
-    let moved = before.map_from_base.compose(&motion.start_from_end);
-    let after = player.estimate();
+    let after = known(player)?;
     // The belief's own spread bounds how far its mean may be from the mean moved.
-    let carry = motion.start_from_end.inverse().adjoint();
-    let carried = carry * before.covariance * G::transpose(&carry) + motion.covariance;
-    let [least, trace] = [carried, after.covariance].map(|m| variances(&PoseEstimate::new(moved, m)).sum::<f64>());
+    let moved = before.map_from_base().compose(&motion.start_from_end);
+    let (carry, _) = before.map_from_base().compose_jacobians(&motion.start_from_end);
+    let carried = propagate_covariance::<G>(&carry, before.covariance()) + motion.covariance;
+    let [least, trace] = [&carried, after.covariance()].map(|m| variances::<G>(m).sum::<f64>());
     ensure(ROLE, "a motion makes nothing more certain", trace >= (1.0 - SAMPLING_LOSS) * least)?;
     ensure(ROLE, "the estimate refers to the end of the motion", after.stamp == Some(motion.end))?;
-    ensure(ROLE, "the estimate follows the motion", near(&after, &moved, &(after.covariance + *covariance)))
+    ensure(ROLE, "the estimate follows the motion", near(&after, &moved, &(*after.covariance() + *covariance)))
 }
 
 /// Checks that `empty`, an observation without any usable reading, is skipped and changes nothing.
@@ -77,66 +72,107 @@ pub fn localizer<G: LieGroup>(
 /// # Errors
 /// The first law that was broken.
 pub fn correct<Z: ?Sized, G: LieGroup>(player: &mut dyn Correct<Z, Pose = G>, empty: &Z) -> Result<(), LawViolation> {
-    let before = player.estimate();
+    let before = (player.estimate(), player.status());
     let outcome = player.update(empty);
     ensure("Correct", "an observation that says nothing is skipped", matches!(outcome, Ok(UpdateOutcome::Skipped(_))))?;
-    ensure("Correct", "a skipped observation changes nothing", same(&player.estimate(), &before))
+    ensure("Correct", "a skipped observation changes nothing", (player.estimate(), player.status()) == before)
 }
 
-fn variances<G: LieGroup>(estimate: &PoseEstimate<G>) -> impl Iterator<Item = f64> + use<G> {
-    let entries = G::matrix_slice(&estimate.covariance).to_vec();
-    (0..G::DOF).map(move |i| entries.get(i * (G::DOF + 1)).copied().unwrap_or(f64::NAN))
+/// Checks that two sensors do not shadow each other: `first` and `second`, good observations by two sensors from where
+/// the vehicle stands, are both applied.
+///
+/// The localizer has a belief already, and neither sensor was applied since the vehicle stands there.
+///
+/// # Errors
+/// The first law that was broken.
+pub fn two_sensors<Z: Observation + ?Sized, G: LieGroup>(
+    player: &mut dyn Correct<Z, Pose = G>,
+    first: &Z,
+    second: &Z,
+) -> Result<(), LawViolation> {
+    ensure("Correct", "the case needs two sensors", first.sensor() != second.sensor())?;
+    let mut is_applied = |observation: &Z| matches!(player.update(observation), Ok(UpdateOutcome::Applied(_)));
+    ensure("Correct", "a good observation is applied", is_applied(first))?;
+    ensure("Correct", "an observation does not stand for that of another sensor", is_applied(second))
+}
+
+/// The estimate of a player that has a belief.
+fn known<G: LieGroup>(player: &dyn Localizer<Pose = G>) -> Result<PoseEstimate<G>, LawViolation> {
+    let law = "a localizer with a belief has an estimate";
+    player.estimate().ok_or(LawViolation { role: ROLE, law })
+}
+
+fn variances<G: LieGroup>(covariance: &G::Matrix) -> impl Iterator<Item = f64> {
+    G::matrix_slice(covariance).iter().step_by(G::DOF + 1).copied()
 }
 
 fn near<G: LieGroup>(estimate: &PoseEstimate<G>, pose: &G, covariance: &G::Matrix) -> bool {
-    let difference = estimate.map_from_base.minus(pose);
-    let bounds = variances(&PoseEstimate::new(*pose, *covariance));
+    let difference = estimate.map_from_base().minus(pose);
+    let bounds = variances::<G>(covariance);
     G::tangent_slice(&difference).iter().zip(bounds).all(|(d, variance)| d.abs() <= BOUND * variance.sqrt() + 1e-9)
-}
-
-fn same<G: LieGroup>(a: &PoseEstimate<G>, b: &PoseEstimate<G>) -> bool {
-    a.map_from_base == b.map_from_base && G::matrix_slice(&a.covariance) == G::matrix_slice(&b.covariance)
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{check, geometry::Se2, time::Stamp};
+    use crate::{
+        geometry::Se2,
+        roles::{SkipReason, StatusMonitor, StatusParams, UpdateReport},
+        sensors::{LaserScan, ScanGeometry, SensorId},
+        time::Stamp,
+    };
     use nalgebra::Matrix3;
 
-    /// Dead reckoning that multiplies its covariance by a factor at each motion.
+    /// Dead reckoning that multiplies its covariance by a factor at each motion, and that takes one scan.
     struct Reckoning {
         known: Option<PoseEstimate<Se2>>,
+        monitor: StatusMonitor,
         factor: f64,
+        scans: usize,
+    }
+
+    impl Reckoning {
+        fn new(factor: f64) -> Self {
+            let monitor = StatusMonitor::new(StatusParams::default()).unwrap();
+            Self { known: None, monitor, factor, scans: 1 }
+        }
     }
 
     impl Localizer for Reckoning {
         type Pose = Se2;
 
         fn initialize(&mut self, belief: &PoseBelief<Se2>) -> Result<(), LocalizationError> {
-            if let PoseBelief::Around { map_from_base, covariance } = *belief {
-                check::finite("x", map_from_base.x())?;
-                Se2::check_covariance("covariance", &covariance)?;
-                self.known = Some(PoseEstimate::new(map_from_base, covariance));
+            if let PoseBelief::Around(pose) = belief {
+                self.known = Some(PoseEstimate::new(*pose));
+                self.monitor.initialized(pose);
             }
             Ok(())
         }
 
         fn predict(&mut self, motion: &MotionIncrement<Se2>) -> Result<(), LocalizationError> {
             let known = self.known.as_mut().ok_or(LocalizationError::NotInitialized)?;
-            if !motion.is_finite() {
-                check::finite("motion", f64::NAN)?;
-            }
-            let carry = motion.start_from_end.inverse().adjoint();
-            known.map_from_base = known.map_from_base * motion.start_from_end;
-            known.covariance = carry * known.covariance * carry.transpose() * self.factor;
-            known.stamp = Some(motion.end);
+            let moved = known.pose.compose(&UncertainPose::new(motion.start_from_end, motion.covariance)?);
+            let pose = UncertainPose::new(*moved.mean(), *moved.covariance() * self.factor)?;
+            *known = PoseEstimate { pose, stamp: Some(motion.end) };
             Ok(())
         }
 
-        fn estimate(&self) -> PoseEstimate<Se2> {
-            let nothing = PoseEstimate::new(Se2::identity(), Matrix3::from_diagonal_element(f64::INFINITY));
-            self.known.unwrap_or(nothing)
+        fn estimate(&self) -> Option<PoseEstimate<Se2>> {
+            self.known
+        }
+
+        fn status(&self) -> LocalizationStatus {
+            self.monitor.status()
+        }
+    }
+
+    impl Correct<LaserScan> for Reckoning {
+        fn update(&mut self, _: &LaserScan) -> Result<UpdateOutcome, LocalizationError> {
+            let Some(left) = self.scans.checked_sub(1) else {
+                return Ok(UpdateOutcome::Skipped(SkipReason::LittleMotion));
+            };
+            self.scans = left;
+            Ok(UpdateOutcome::Applied(UpdateReport::default()))
         }
     }
 
@@ -146,9 +182,19 @@ mod tests {
         let ahead = MotionIncrement::between(now, &Se2::identity(), now + 1.0, &Se2::new(1.0, 0.0, 0.3)).unwrap();
         let verdict = |factor| {
             let (start, covariance) = (Se2::new(2.0, 1.0, 0.5), Matrix3::identity() * 0.01);
-            localizer(&mut Reckoning { known: None, factor }, &start, &covariance, &ahead)
+            localizer(&mut Reckoning::new(factor), &start, &covariance, &ahead)
         };
         assert_eq!(verdict(1.0), Ok(()));
         assert_eq!(verdict(0.5).unwrap_err().law, "a motion makes nothing more certain");
+    }
+    #[test]
+    fn a_localizer_that_takes_one_sensor_for_all_is_caught() {
+        let scan = |sensor| {
+            let geometry = ScanGeometry { sensor: SensorId(sensor), ..Default::default() };
+            LaserScan::new(Stamp::default(), geometry, vec![1.0]).unwrap()
+        };
+        let verdict = |scans| two_sensors(&mut Reckoning { scans, ..Reckoning::new(1.0) }, &scan(0), &scan(1));
+        assert_eq!(verdict(2), Ok(()));
+        assert_eq!(verdict(1).unwrap_err().law, "an observation does not stand for that of another sensor");
     }
 }

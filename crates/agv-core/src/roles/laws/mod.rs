@@ -23,7 +23,7 @@ mod planners;
 mod vehicles;
 
 pub use control::{controller, path_tracker};
-pub use localizer::{correct, localizer};
+pub use localizer::{correct, localizer, two_sensors};
 pub use matching::{lidar_odometry, registration, scan_matcher};
 pub use planners::{global_planner, local_planner};
 pub use vehicles::vehicles;

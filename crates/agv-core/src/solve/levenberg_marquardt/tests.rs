@@ -2,6 +2,7 @@
 
 use super::*;
 use crate::geometry::{LieGroup, Se2};
+use crate::solve::{BandedNormalEquations, FIXED, RobustKernel};
 use nalgebra::{Matrix2x3, RowVector2, RowVector3, Vector1, Vector2, Vector3};
 
 fn solver() -> LevenbergMarquardt {
@@ -171,4 +172,106 @@ fn bad_input_is_named() {
         let params = LevenbergMarquardtParams { cost_tolerance: value, ..LevenbergMarquardtParams::default() };
         assert!(matches!(LevenbergMarquardt::new(params), Err(Error::Negative { .. })), "{value}");
     }
+}
+
+/// A smoothed track: positions near noisy readings, with small second differences, and its first position given.
+struct Smoothing {
+    readings: Vec<f64>,
+    kernel: RobustKernel,
+}
+
+impl Smoothing {
+    const STIFFNESS: f64 = 30.0;
+
+    /// Every residual with its unknowns and its slopes.
+    fn residuals(&self, track: &[f64], mut add: impl FnMut(bool, [usize; 3], f64, [f64; 3])) {
+        let unknown = |i: usize| i.checked_sub(1).unwrap_or(FIXED);
+        for (i, (x, reading)) in track.iter().zip(&self.readings).enumerate() {
+            add(true, [unknown(i), FIXED, FIXED], x - reading, [1.0, 0.0, 0.0]);
+        }
+        for i in 2..track.len() {
+            let bend = track[i] - 2.0 * track[i - 1] + track[i - 2];
+            add(false, [i, i - 1, i - 2].map(unknown), bend, [1.0, -2.0, 1.0]);
+        }
+    }
+}
+
+impl<S: NormalSystem> StructuredLeastSquares<S> for Smoothing {
+    type State = Vec<f64>;
+
+    fn linearize(&mut self, track: &Vec<f64>, system: &mut S) {
+        self.residuals(track, |reading, unknowns, residual, slopes| {
+            let (residual, jacobian) = (Vector1::new(residual), RowVector3::from(slopes));
+            if reading {
+                system.add_robust_at(&unknowns, &residual, &jacobian, 1.0, self.kernel);
+            } else {
+                system.add_at(&unknowns, &residual, &jacobian, Self::STIFFNESS);
+            }
+        });
+    }
+
+    fn cost(&mut self, track: &Vec<f64>) -> f64 {
+        let mut cost = 0.0;
+        self.residuals(track, |reading, _, r, _| {
+            cost += 0.5 * if reading { self.kernel.loss(r * r) } else { Self::STIFFNESS * r * r };
+        });
+        cost
+    }
+
+    fn retract_into(&self, track: &Vec<f64>, step: &[f64], trial: &mut Vec<f64>) {
+        trial.clone_from(track);
+        trial[1..].iter_mut().zip(step).for_each(|(x, step)| *x += step);
+    }
+}
+
+/// A ramp with a ripple, and a few readings far off.
+fn track(kernel: RobustKernel) -> Smoothing {
+    let reading = |i: usize| 0.1 * i as f64 + 0.05 * (7.0 * i as f64).sin() + if i % 9 == 5 { 3.0 } else { 0.0 };
+    Smoothing { readings: (0..25).map(reading).collect(), kernel }
+}
+
+#[test]
+fn a_band_and_a_dense_matrix_lead_to_the_same_minimum() {
+    for kernel in [RobustKernel::Square, RobustKernel::Huber { scale: 0.3 }, RobustKernel::Cauchy { scale: 0.3 }] {
+        let mut problem = track(kernel);
+        let start = vec![0.0; 25];
+        let mut banded = LeastSquaresWorkspace::new(BandedNormalEquations::new(24, 2), start.clone());
+        let mut dense = LeastSquaresWorkspace::new(NormalEquations::<24>::zeros(), start.clone());
+        let (mut smooth, mut reference) = (start.clone(), start);
+        let found = solver().minimize_structured(&mut problem, &mut smooth, &mut banded).unwrap();
+        let expected = solver().minimize_structured(&mut problem, &mut reference, &mut dense).unwrap();
+        assert!(found.termination.converged() && expected.termination.converged(), "{found:?} {expected:?}");
+        assert!((found.cost / expected.cost - 1.0).abs() < 1e-10, "{found:?} {expected:?}");
+        let apart = smooth.iter().zip(&reference).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+        assert!(apart < 1e-6, "{kernel:?}: {apart}");
+        assert_eq!(smooth[0], 0.0, "the first position is given");
+    }
+}
+
+#[test]
+fn robust_kernels_see_through_outliers() {
+    let worst = |kernel: RobustKernel| {
+        let mut problem = track(kernel);
+        let mut smooth = problem.readings.clone();
+        smooth[0] = 0.0;
+        let mut workspace = LeastSquaresWorkspace::new(BandedNormalEquations::new(24, 2), smooth.clone());
+        let found = solver().minimize_structured(&mut problem, &mut smooth, &mut workspace).unwrap();
+        assert!(found.termination.converged(), "{kernel:?} {found:?}");
+        smooth.iter().enumerate().map(|(i, x)| (x - 0.1 * i as f64).abs()).fold(0.0, f64::max)
+    };
+    assert!(worst(RobustKernel::Square) > 0.5);
+    assert!(worst(RobustKernel::Huber { scale: 0.1 }) < 0.2);
+    assert!(worst(RobustKernel::Cauchy { scale: 0.1 }) < 0.1);
+}
+
+#[test]
+fn a_structure_that_is_too_narrow_is_named() {
+    let mut problem = track(RobustKernel::Square);
+    let (mut smooth, before) = (vec![0.0; 25], vec![0.0; 25]);
+    let mut workspace = LeastSquaresWorkspace::new(BandedNormalEquations::new(24, 1), smooth.clone());
+    let found = solver().minimize_structured(&mut problem, &mut smooth, &mut workspace);
+    assert!(matches!(found, Err(Error::OutOfRange { .. })) && smooth == before);
+    // The same memory serves another size.
+    workspace.system.reset(24, 2);
+    assert!(solver().minimize_structured(&mut problem, &mut smooth, &mut workspace).is_ok());
 }

@@ -1,11 +1,15 @@
 //! Monte Carlo localisation: the particle filter that plays [`Localizer`](agv_core::roles::Localizer).
 
+mod belief;
 #[cfg(feature = "serde")]
 mod checkpoint;
+mod correct;
 mod filter;
-mod gaussian;
+mod params;
 mod role;
+mod streams;
 
 #[cfg(feature = "serde")]
 pub use checkpoint::MclCheckpoint;
-pub use filter::{Mcl, MclDiagnostics, MclParams};
+pub use filter::Mcl;
+pub use params::{MclDiagnostics, MclParams};

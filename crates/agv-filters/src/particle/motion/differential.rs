@@ -23,7 +23,7 @@ use super::MotionModel;
 use agv_core::{
     Error, check,
     compute::Stream,
-    geometry::{LieGroup, Se2, So2},
+    geometry::{LieGroup, Se2, So2, propagate_covariance},
     odometry::{OdometryIncrement, RotTransRot},
 };
 use nalgebra::{Matrix3, UnitComplex, Vector2, Vector3};
@@ -169,7 +169,7 @@ impl MotionModel for DifferentialOdometryModel {
         let (run, (sin, cos)) = (parts.translation, parts.rotation2.sin_cos());
         // Columns: how the end moves, in its own frame, with the first turn, the run and the last turn.
         let jacobian = Matrix3::new(run * sin, cos, 0.0, run * cos, -sin, 0.0, 1.0, 0.0, 1.0);
-        jacobian * Matrix3::from_diagonal(&sigma.component_mul(&sigma)) * jacobian.transpose()
+        propagate_covariance::<Se2>(&jacobian, &Matrix3::from_diagonal(&sigma.component_mul(&sigma)))
     }
 }
 

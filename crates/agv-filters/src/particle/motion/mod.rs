@@ -53,6 +53,7 @@ pub trait MotionModel {
     fn condition<'a>(&'a self, motion: &'a Self::Motion) -> impl Fn(&Se2, &mut Stream) -> Se2 + Sync + 'a;
 
     /// Covariance of the motion to first order, over `(x, y, yaw)` in the base frame of its end (m², m rad, rad²):
-    /// what an estimate loses in certainty until the particles themselves have moved.
+    /// what an estimate loses in certainty until the particles themselves have moved. Symmetric and positive
+    /// semi-definite.
     fn covariance(&self, motion: &Self::Motion) -> Matrix3<f64>;
 }

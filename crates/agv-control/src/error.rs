@@ -1,0 +1,27 @@
+//! The crate's one error type.
+
+/// Why a plant, a controller or a test of them was refused.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A value was refused.
+    #[error(transparent)]
+    Core(#[from] agv_core::Error),
+    /// A transfer function whose numerator has the higher degree would differentiate its input.
+    #[error("a transfer function of degree {numerator} over degree {denominator} is improper")]
+    Improper {
+        /// Degree of the numerator.
+        numerator: usize,
+        /// Degree of the denominator.
+        denominator: usize,
+    },
+    /// No stand-in plant has this name.
+    #[error("no such plant: p1, p2, p3 or load")]
+    NoSuchPlant,
+    /// Numbers left their range: the plant is unstable, or its coefficients are too far apart.
+    #[error("{name} left the range of numbers")]
+    Overflow {
+        /// What was computed.
+        name: &'static str,
+    },
+}

@@ -1,0 +1,79 @@
+//! All of the filter that changes as it runs.
+
+use super::{MclDiagnostics, streams::Streams};
+use crate::particle::ParticleSet;
+use agv_core::{
+    geometry::{LieGroup, Se2, UncertainPose},
+    odometry::OdometryIncrement,
+    roles::StatusMonitor,
+    time::Stamp,
+};
+
+/// Particles, and what is known besides.
+#[derive(Debug, Clone)]
+pub(super) struct Belief {
+    pub(super) particles: ParticleSet,
+    /// Counts the random draws of the whole set, so that none uses a stream twice.
+    pub(super) step: u64,
+    /// What the particles say; none before the first initialisation.
+    pub(super) known: Option<Known>,
+    /// Odometry that the particles have not followed yet.
+    pub(super) pending: Option<OdometryIncrement>,
+    /// All odometry since the initialisation.
+    pub(super) odom_from_base: Se2,
+    pub(super) streams: Streams,
+    pub(super) drawn: LastDrawn,
+    pub(super) monitor: StatusMonitor,
+    pub(super) diagnostics: MclDiagnostics,
+}
+
+/// The estimate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub(super) struct Known {
+    /// Mean and covariance of the particles at the last update, before resampling.
+    pub(super) moments: UncertainPose<Se2>,
+    /// The same carried on by the odometry since.
+    pub(super) pose: UncertainPose<Se2>,
+    /// The time that it refers to.
+    pub(super) stamp: Option<Stamp>,
+}
+
+/// When the set was last drawn anew.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub(super) struct LastDrawn {
+    /// Updates since then.
+    pub(super) updates: u64,
+    /// The base then, in the frame that the odometry is summed up in.
+    pub(super) odom_from_base: Se2,
+}
+
+impl Belief {
+    /// None yet.
+    pub(super) fn none(particles: ParticleSet, monitor: StatusMonitor) -> Self {
+        let diagnostics = MclDiagnostics::fresh(particles.len());
+        Self {
+            particles,
+            step: 0,
+            known: None,
+            pending: None,
+            odom_from_base: Se2::identity(),
+            streams: Streams::new(),
+            drawn: LastDrawn::default(),
+            monitor,
+            diagnostics,
+        }
+    }
+
+    /// The particles were drawn around a new belief, with these moments.
+    pub(super) fn begin(&mut self, moments: UncertainPose<Se2>) {
+        self.known = Some(Known { moments, pose: moments, stamp: None });
+        self.pending = None;
+        self.odom_from_base = Se2::identity();
+        self.streams.clear();
+        self.drawn = LastDrawn::default();
+        self.monitor.initialized(&moments);
+        self.diagnostics = MclDiagnostics::fresh(self.particles.len());
+    }
+}

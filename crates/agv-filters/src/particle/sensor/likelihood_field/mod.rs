@@ -1,0 +1,122 @@
+//! Likelihood-field model of a planar scanner: a beam's end point is looked up in the map's
+//! [`LikelihoodField`], whatever lies between (Thrun, Burgard and Fox, *Probabilistic Robotics*, Table 6.3).
+//!
+//! How the beams `p_1 … p_n` of a scan go together is a matter of [`ScanForm`]:
+//!
+//! ```text
+//! product:       log w = min(1, k / n) Σ ln p_i          sum of cubes:  log w = ln(1 + Σ p_i³)
+//! ```
+//!
+//! with `k` the number of independent beams that a scan counts as. The beam end points are brought to the base frame, in
+//! cells, once per scan.
+
+mod kernel;
+mod params;
+mod table;
+#[cfg(test)]
+mod tests;
+
+use super::{PoseLikelihood, SensorModel, weigh_per_pose};
+use agv_core::{
+    Error,
+    geometry::LieGroup,
+    grid::LikelihoodField,
+    roles::SkipReason,
+    sensors::{Beam, LaserScan},
+};
+use kernel::{BLOCK, EndBlock, ScanOnTable};
+use std::sync::Arc;
+use table::Table;
+
+pub use params::{LikelihoodFieldModelParams, ScanForm};
+
+/// The likelihood-field model of planar scans.
+///
+/// Cheap to clone: the table is shared, so that several filters can use one map.
+///
+/// ```
+/// use agv_core::geometry::Se2;
+/// use agv_core::grid::{Cell, CellState, Grid, GridLayout, LikelihoodField, LikelihoodFieldParams};
+/// use agv_core::sensors::{LaserScan, ScanGeometry};
+/// use agv_core::time::Stamp;
+/// use agv_filters::particle::{LikelihoodFieldModel, LikelihoodFieldModelParams, PoseLikelihood, SensorModel};
+///
+/// // A wall 2 m ahead of the origin.
+/// let mut map = Grid::filled(GridLayout::new(60, 60, 0.05, Se2::new(0.0, -1.5, 0.0))?, CellState::Free);
+/// (0..60).for_each(|y| { map.set(Cell::new(40, y), CellState::Occupied); });
+/// let field = LikelihoodField::new(&map, LikelihoodFieldParams::default())?;
+/// let mut model = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default())?;
+///
+/// let geometry = ScanGeometry { angle_min: -0.05, angle_increment: 0.01, ..Default::default() };
+/// let scan = LaserScan::new(Stamp::default(), geometry, vec![2.0; 11])?;
+/// let likelihood = model.condition(&scan).expect("eleven beams hit");
+/// let (near, off) = (Se2::new(0.02, 0.0, 0.0), Se2::new(0.4, 0.0, 0.0));
+/// assert!(likelihood.log_likelihood(&near) > likelihood.log_likelihood(&off));
+/// # Ok::<(), agv_core::Error>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct LikelihoodFieldModel {
+    params: LikelihoodFieldModelParams,
+    table: Arc<Table>,
+    /// End points in the base frame, in cells, padded to whole blocks.
+    ends: Vec<EndBlock>,
+}
+
+impl LikelihoodFieldModel {
+    /// Most cells along a side: positions counted in cells must fit an `f32` with room for their fraction.
+    pub const MAX_SIDE: usize = 1 << 20;
+
+    /// A model on the field of a map.
+    ///
+    /// # Errors
+    /// Parameters that [`validate`](LikelihoodFieldModelParams::validate) refuses, or a map longer than
+    /// [`MAX_SIDE`](Self::MAX_SIDE).
+    pub fn new(field: &LikelihoodField, params: LikelihoodFieldModelParams) -> Result<Self, Error> {
+        params.validate()?;
+        let table = Arc::new(Table::new(field, &params)?);
+        Ok(Self { params, table, ends: Vec::with_capacity(params.max_beams.div_ceil(BLOCK)) })
+    }
+
+    /// The parameters.
+    pub const fn params(&self) -> &LikelihoodFieldModelParams {
+        &self.params
+    }
+
+    /// Collects the end points of the beams that are used; returns their number.
+    fn collect_ends(&mut self, scan: &LaserScan) -> usize {
+        let (geometry, mount) = (scan.geometry(), scan.geometry().base_from_sensor);
+        let (beams, used) = (scan.len(), scan.len().min(self.params.max_beams));
+        self.ends.clear();
+        let mut hits = 0;
+        for k in 0..used {
+            // The middle of the k-th of `used` equal parts of the scan.
+            let index = (2 * k + 1) * beams / (2 * used);
+            let Beam::Hit(range) = scan.interpret(scan.ranges()[index]) else { continue };
+            if range > self.params.max_range {
+                continue;
+            }
+            let (sin, cos) = geometry.angle(index).sin_cos();
+            let end = mount.act(&[range * cos, range * sin].into()) * self.table.cells_per_metre;
+            if hits % BLOCK == 0 {
+                self.ends.push([[0.0; BLOCK]; 2]);
+            }
+            if let Some([x, y]) = self.ends.last_mut() {
+                (x[hits % BLOCK], y[hits % BLOCK]) = (end.x as f32, end.y as f32);
+            }
+            hits += 1;
+        }
+        hits
+    }
+}
+
+impl SensorModel<LaserScan> for LikelihoodFieldModel {
+    fn condition<'a>(&'a mut self, scan: &'a LaserScan) -> Result<impl PoseLikelihood + 'a, SkipReason> {
+        let (usable, needed) = (self.collect_ends(scan), self.params.min_hits.max(1));
+        if usable < needed {
+            return Err(SkipReason::TooFewReadings { usable, needed });
+        }
+        Ok(ScanOnTable::new(&self.table, &self.ends, usable, self.params.form))
+    }
+}
+
+weigh_per_pose!(LikelihoodFieldModel: LaserScan);
