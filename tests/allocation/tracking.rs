@@ -5,7 +5,10 @@ use agv_nav::control::{
     pid::{Pid, PidParams},
     plant::StandIn,
     step_response::{PidGains, StepFigures, StepResponse, simulate_step},
-    track::{PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams},
+    track::{
+        Lqr, LqrParams, Mpc, MpcParams, PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams, Stanley,
+        StanleyParams,
+    },
 };
 use agv_nav::core::{
     geometry::Twist2,
@@ -48,8 +51,11 @@ fn plants_and_step_tests() {
 fn trackers() {
     let corner: Vec<_> = [(0.0, 0.0), (2.0, 0.0), (2.0, 2.0), (0.5, 2.5)].map(|(x, y)| Vector2::new(x, y)).to_vec();
     let (path, limits) = (Path::from_positions(&corner).unwrap(), MotionLimits::default());
-    let trackers: [Box<dyn PathTracker>; 2] = [
+    let trackers: [Box<dyn PathTracker>; 5] = [
         Box::new(PurePursuit::new(PurePursuitParams::default()).unwrap()),
+        Box::new(Stanley::new(StanleyParams::default()).unwrap()),
+        Box::new(Lqr::new(LqrParams::default()).unwrap()),
+        Box::new(Mpc::new(MpcParams::default()).unwrap()),
         Box::new(PidTracker::new(PidTrackerParams::default()).unwrap()),
     ];
     for mut tracker in trackers {

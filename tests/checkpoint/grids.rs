@@ -56,7 +56,10 @@ fn maps_come_back() {
     assert_kept("OccupancyThresholds", &OccupancyThresholds::new(0.7, 0.21).unwrap());
     assert_eq!(restored(&OccupancyThresholds::default()), OccupancyThresholds::default());
     let triangle = [(0.0, 0.0), (1.1, 0.0), (0.3, 0.7)].map(|(x, y)| Vector2::new(x, y)).to_vec();
-    for footprint in [Footprint::circle(0.3).unwrap(), Footprint::polygon(triangle).unwrap()] {
+    let segment = Footprint::segment(Vector2::new(-0.2, 0.1), Vector2::new(0.4, 0.3)).unwrap();
+    let long = Footprint::two_circles(0.6, 0.4, -0.2, 0.5).unwrap();
+    let round = Footprint::circle(0.3).unwrap();
+    for footprint in [Footprint::point(), round, long, segment, Footprint::polygon(triangle).unwrap()] {
         assert_kept("Footprint", &footprint);
         assert_eq!(restored(&footprint), footprint);
     }
@@ -140,6 +143,6 @@ fn spoilt_maps_are_refused() {
     assert_refused(
         "Footprint",
         &circle,
-        &[("/circle", json!(0.0)), ("/circle", json!(null)), ("", json!({"polygon": []}))],
+        &[("/circle", json!(-0.3)), ("/circle", json!(null)), ("", json!({"polygon": []}))],
     );
 }

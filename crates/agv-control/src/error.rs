@@ -1,6 +1,6 @@
 //! The crate's one error type.
 
-/// Why a plant, a controller or a test of them was refused.
+/// Why a controller, a plant, or a part or test of them was refused.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum Error {
@@ -23,5 +23,13 @@ pub enum Error {
     Overflow {
         /// What was computed.
         name: &'static str,
+    },
+    /// No feedback of finite cost keeps the model at rest: something that grows is out of reach of the inputs, or costs nothing.
+    #[error("the model cannot be stabilised: after {doublings} doublings the closed loop still has the norm {norm}")]
+    NotStabilisable {
+        /// Doublings of the horizon that were tried.
+        doublings: usize,
+        /// Norm of the closed loop over that horizon, which should vanish.
+        norm: f64,
     },
 }

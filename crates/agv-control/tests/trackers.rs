@@ -1,6 +1,9 @@
 //! What every tracker must do, on paths as vehicles meet them.
 
-use agv_control::track::{PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams};
+use agv_control::track::{
+    Lqr, LqrParams, Mpc, MpcParams, PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams, Stanley,
+    StanleyParams,
+};
 use agv_core::{
     compute::Seed,
     geometry::{Se2, Twist2},
@@ -12,9 +15,12 @@ use agv_core::{
 use rand_distr::{Distribution, Normal};
 use std::f64::consts::FRAC_PI_2;
 
-fn trackers() -> [(&'static str, Box<dyn PathTracker>); 2] {
+fn trackers() -> [(&'static str, Box<dyn PathTracker>); 5] {
     [
         ("pure pursuit", Box::new(PurePursuit::new(PurePursuitParams::default()).unwrap())),
+        ("stanley", Box::new(Stanley::new(StanleyParams::default()).unwrap())),
+        ("lqr", Box::new(Lqr::new(LqrParams::default()).unwrap())),
+        ("mpc", Box::new(Mpc::new(MpcParams::default()).unwrap())),
         ("pid", Box::new(PidTracker::new(PidTrackerParams::default()).unwrap())),
     ]
 }

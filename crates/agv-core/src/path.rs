@@ -1,5 +1,7 @@
 //! Paths: the poses that a planner hands to a tracker.
 
+pub mod shapes;
+
 use crate::{
     Error,
     geometry::{LieGroup, Se2},
@@ -100,11 +102,14 @@ impl Path {
                 self.points.clear();
                 return Err(Error::NotFinite { name: "path position", value: *bad });
             }
-            if let Some(last) = self.points.last_mut() {
-                let ahead = position - last.pose.translation();
+            if let Some(last) = self.points.last().map(|point| point.pose.translation()) {
+                let ahead = position - last;
                 // A repeated position has no direction: keep the heading that is there.
                 if ahead != Vector2::zeros() {
-                    last.pose = Se2::new(last.pose.x(), last.pose.y(), ahead.y.atan2(ahead.x));
+                    let pose = Se2::new(last.x, last.y, ahead.y.atan2(ahead.x));
+                    // All that repeat it face the same way: another heading in one place would be a turn on the spot.
+                    let repeated = self.points.iter_mut().rev().take_while(|point| point.pose.translation() == last);
+                    repeated.for_each(|point| point.pose = pose);
                 }
             }
             let yaw = self.points.last().map_or(0.0, |p| p.pose.yaw());
@@ -192,6 +197,13 @@ mod tests {
         let path = Path::from_positions(&[Vector2::zeros(), p, p]).unwrap();
         let yaw = std::f64::consts::FRAC_PI_4;
         assert!(path.points().iter().all(|q| (q.pose.yaw() - yaw).abs() < 1e-12));
+    }
+
+    #[test]
+    fn repeated_positions_are_no_turns() {
+        let corner = [(0.0, 0.0), (0.0, 0.0), (1.0, 0.0), (1.0, 0.0), (1.0, 0.0), (1.0, 2.0)];
+        let path = Path::from_positions(&corner.map(|(x, y)| Vector2::new(x, y))).unwrap();
+        assert!((0..path.len()).all(|i| !path.is_turn(i)), "{path:?}");
     }
 
     #[test]

@@ -1,6 +1,8 @@
 //! Where am I: Kalman filters, Monte Carlo localisation, markers and SLAM.
 //!
 //! # Overview
+//! [`kalman`] holds the Kalman filters: [`kalman::PoseFilter`] smooths measured poses by odometry.
+//!
 //! [`particle`] holds Monte Carlo localisation: a set of weighted poses that odometry moves ([`particle::MotionModel`])
 //! and scans weigh ([`particle::SensorModel`]), put together by [`particle::Mcl`], which plays the roles
 //! [`Localizer`](agv_core::roles::Localizer) and [`Correct`](agv_core::roles::Correct).
@@ -12,4 +14,5 @@
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+pub mod kalman;
 pub mod particle;

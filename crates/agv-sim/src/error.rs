@@ -7,6 +7,12 @@ pub enum Error {
     /// A value was refused.
     #[error(transparent)]
     Core(#[from] agv_core::Error),
+    /// A path tracker refused a call.
+    #[error(transparent)]
+    Track(#[from] agv_core::roles::TrackError),
+    /// A localizer refused a call.
+    #[error(transparent)]
+    Localization(#[from] agv_core::roles::LocalizationError),
     /// A polygon must be simple and enclose an area, and a segment must have a length.
     #[error("shape {index} is degenerate: {what}")]
     Degenerate {

@@ -28,6 +28,7 @@ pub(crate) enum Part {
     FloorCamera,
     FrontCamera,
     Encoders,
+    PoseSensor,
 }
 
 /// The seed of one part: two parts, or two sensors of one kind, may be given one seed and draw on their own.

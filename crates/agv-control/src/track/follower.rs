@@ -2,6 +2,8 @@
 
 use super::{
     course::{Course, Leg, Projection},
+    response::Response,
+    small_angle,
     speed::SpeedProfile,
     steering::{Steering, SteeringInput},
 };
@@ -14,6 +16,17 @@ use agv_core::{
 };
 use std::f64::consts::PI;
 
+/// Where a vehicle that moves to any side faces while it drives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum Facing {
+    /// Along the path, as all others do.
+    #[default]
+    Travel,
+    /// As the path's poses state, whichever way the path leads: no turns on the spot before it drives.
+    Path,
+}
+
 /// Parameters of a [`Follower`].
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -25,8 +38,14 @@ pub struct FollowerParams {
     pub bend_window: f64,
     /// Heading error above which a vehicle that can turn on the spot does so before it drives, in radians; π for never.
     pub turn_in_place: f64,
-    /// Time by which the vehicle's speed lags behind the command, in seconds: it rolls on for so long when it stops.
+    /// Time constant by which the vehicle's drives lag behind the command, in seconds: the state's twist is then to be what was
+    /// commanded last, not what a sensor says, and laws steer by where the vehicle will be.
     pub response_time: f64,
+    /// Greatest share by which the vehicle may turn more or less than it is told (slip, worn wheels, a load); the tracker learns
+    /// it as it drives, and commands accordingly. Zero for not learning.
+    pub max_yaw_slip: f64,
+    /// Where a vehicle that moves to any side faces; of no meaning to others.
+    pub facing: Facing,
     /// Distance from the end of the path, along it, at which the vehicle stops, in metres.
     pub goal_tolerance: f64,
     /// Distance from the end of the path at which a vehicle that stopped has arrived, in metres: beyond it the tracker
@@ -43,14 +62,16 @@ pub struct FollowerParams {
 
 impl Default for FollowerParams {
     /// An indoor AGV with a load that must not shift: 0.5 m/s² to the side, corners cut off by half a metre, turning on the spot
-    /// beyond 45° as Nav2's regulated pure pursuit does, drives that settle within half a second, a stop 1 cm before the end, and
-    /// 10 cm of room for noise and overshoot; headings to about one degree, and Nav2's 0.25 rad where the vehicle cannot turn.
+    /// beyond 45° as Nav2's regulated pure pursuit does, drives that settle within half a second, a tenth of slip, a stop 1 cm
+    /// before the end, and 10 cm of room for noise and overshoot; headings to about one degree, and Nav2's 0.25 rad where the vehicle cannot turn.
     fn default() -> Self {
         Self {
             lateral_acceleration: 0.5,
             bend_window: 0.5,
             turn_in_place: PI / 4.0,
             response_time: 0.15,
+            max_yaw_slip: 0.1,
+            facing: Facing::Travel,
             goal_tolerance: 0.01,
             arrival_tolerance: 0.1,
             heading_tolerance: 0.02,
@@ -69,7 +90,14 @@ pub struct Follower<S> {
     steering: S,
     /// Whether the vehicle is turning on the spot: it goes on until it is well aligned.
     turning: bool,
+    response: Response,
+    /// Limits that were checked, and that the profile was made for.
+    planned_for: Option<MotionLimits>,
 }
+
+/// Share of the deceleration that a stop is planned with: the rest mends what noise and lag make of it. At the full one a
+/// vehicle that is late once overshoots.
+const STOPPING_SHARE: f64 = 0.8;
 
 /// Share of `turn_in_place` at which turning on the spot ends.
 const ALIGNED: f64 = 0.2;
@@ -89,13 +117,28 @@ impl<S: Steering> Follower<S> {
         check::positive("heading_tolerance", params.heading_tolerance)?;
         check::in_range("arrival_heading_tolerance", params.arrival_heading_tolerance, params.heading_tolerance, PI)?;
         check::positive("max_cross_track", params.max_cross_track)?;
+        check::in_range("max_yaw_slip", params.max_yaw_slip, 0.0, 0.5)?;
         let course = Course::new(params.bend_window);
-        Ok(Self { params, course, profile: SpeedProfile::default(), steering, turning: false })
+        let response = Response::new(params.response_time, params.max_yaw_slip);
+        Ok(Self {
+            params,
+            course,
+            profile: SpeedProfile::default(),
+            steering,
+            turning: false,
+            response,
+            planned_for: None,
+        })
     }
 
     /// The path as the tracker sees it.
     pub const fn course(&self) -> &Course {
         &self.course
+    }
+
+    /// The steering law, for what it has to tell.
+    pub const fn steering(&self) -> &S {
+        &self.steering
     }
 
     /// The greatest speed along the course, as of the last command.
@@ -115,7 +158,7 @@ impl<S: Steering> Follower<S> {
 
     /// The command on a section that is driven.
     fn drive(&mut self, cycle: &Cycle<'_>, gear: Gear) -> Result<(Motion, TrackStatus), TrackError> {
-        let Cycle { state, limits, dt, projection, heading, heading_error } = *cycle;
+        let Cycle { state, actual, limits, dt, projection, heading, heading_error } = *cycle;
         let p = &self.params;
         let to_stop = self.course.section_end() - projection.arc_length;
         let at_stop = to_stop <= p.goal_tolerance;
@@ -130,15 +173,17 @@ impl<S: Steering> Follower<S> {
             let rests = motion.twist == Twist2::ZERO;
             return Ok((motion, if rests { self.next_section() } else { TrackStatus::Tracking }));
         }
+        let facing = (limits.twist.lateral_speed > 0.0 && limits.steering.is_none()).then_some(p.facing);
         let threshold = p.turn_in_place * if self.turning { ALIGNED } else { 1.0 };
-        self.turning = limits.turns_on_the_spot() && p.turn_in_place < PI && heading_error.abs() > threshold;
+        let turns = limits.turns_on_the_spot() && p.turn_in_place < PI && facing != Some(Facing::Path);
+        self.turning = turns && heading_error.abs() > threshold;
         if self.turning {
             return Ok((self.turn_by(-heading_error, cycle)?, TrackStatus::Tracking));
         }
         let top = if gear == Gear::Forward { limits.twist.forward_speed } else { limits.twist.reverse_speed };
         let speed = self.profile.speed_at(projection.arc_length).min(top).min(stopping_speed(
             to_stop,
-            limits.twist.deceleration,
+            STOPPING_SHARE * limits.twist.deceleration,
             dt + p.response_time,
         ));
         let twist = in_gear(&state.twist, gear);
@@ -152,6 +197,9 @@ impl<S: Steering> Follower<S> {
             heading,
             heading_error,
             twist,
+            actual: in_gear(&actual, gear),
+            response_time: self.response.time(),
+            facing,
             speed,
             state,
             gear,
@@ -161,7 +209,9 @@ impl<S: Steering> Follower<S> {
         let wanted = self.steering.twist(&input)?;
         // Faster than planned is slowed down, so that the curve stays the one that was asked for.
         let scale = (speed / wanted.speed()).min(1.0);
-        let wanted = Twist2::new(scale * wanted.vx, scale * wanted.vy, scale * wanted.yaw_rate);
+        // What the wheels will make of it is what was asked for.
+        let yaw_rate = wanted.yaw_rate / self.response.yaw_gain();
+        let wanted = Twist2::new(scale * wanted.vx, scale * wanted.vy, scale * yaw_rate);
         let wanted = if scale > 0.0 { wanted } else { Twist2::ZERO };
         Ok((limits.step(&state.motion(), &in_gear(&wanted, gear).into(), dt)?, TrackStatus::Tracking))
     }
@@ -197,6 +247,7 @@ impl<S: Steering> Follower<S> {
 #[derive(Clone, Copy)]
 struct Cycle<'a> {
     state: VehicleState,
+    actual: Twist2,
     limits: &'a MotionLimits,
     dt: f64,
     projection: Projection,
@@ -205,7 +256,7 @@ struct Cycle<'a> {
 }
 
 /// From the base frame to that of the leading end, and back.
-fn in_gear(twist: &Twist2, gear: Gear) -> Twist2 {
+pub(super) fn in_gear(twist: &Twist2, gear: Gear) -> Twist2 {
     match gear {
         Gear::Forward => *twist,
         Gear::Reverse => Twist2::new(-twist.vx, -twist.vy, twist.yaw_rate),
@@ -215,7 +266,8 @@ fn in_gear(twist: &Twist2, gear: Gear) -> Twist2 {
 impl<S: Steering> PathTracker for Follower<S> {
     fn set_path(&mut self, path: &Path) -> Result<(), TrackError> {
         self.course.set(path)?;
-        self.profile.reset(&self.course);
+        self.profile.make_room(&self.course);
+        self.planned_for = None;
         self.steering.reset();
         self.turning = false;
         Ok(())
@@ -223,24 +275,27 @@ impl<S: Steering> PathTracker for Follower<S> {
 
     fn command(&mut self, state: &VehicleState, limits: &MotionLimits, dt: f64) -> Result<TrackCommand, TrackError> {
         state.validate()?;
-        limits.validate()?;
         check::positive("dt", dt)?;
-
+        if self.planned_for.as_ref() != Some(limits) {
+            limits.validate()?;
+            let lateral = limits.lateral_acceleration.unwrap_or(f64::INFINITY).min(self.params.lateral_acceleration);
+            self.profile.update(&self.course, &MotionLimits { lateral_acceleration: Some(lateral), ..*limits });
+            self.planned_for = Some(*limits);
+        }
         let p = &self.params;
-        let lateral = limits.lateral_acceleration.unwrap_or(f64::INFINITY).min(p.lateral_acceleration);
-        self.profile.update(&self.course, &MotionLimits { lateral_acceleration: Some(lateral), ..*limits });
         // Far enough ahead that a fast vehicle is found again, near enough that a crossing branch is not.
-        let stride = 4.0 * limits.twist.forward_speed.max(limits.twist.reverse_speed) * dt;
-        let reach = stride + p.max_cross_track;
+        let reach = 4.0 * limits.twist.forward_speed.max(limits.twist.reverse_speed) * dt + p.max_cross_track;
         let pose = state.map_from_base;
-        let projection = self.course.advance_within(&pose.translation(), stride, reach).ok_or(TrackError::NoPath)?;
+        let projection = self.course.advance(&pose.translation(), reach).ok_or(TrackError::NoPath)?;
         let remaining = self.course.length() - projection.arc_length;
         let leg = self.course.leg();
         let reverses = leg == Leg::Drive(Gear::Reverse);
         let heading = if reverses { pose.rotation().compose(&So2::from_direction(-1.0, 0.0)) } else { pose.rotation() };
-        let heading_error = projection.direction.inverse().compose(&heading).angle();
+        let from_path = projection.direction.inverse().compose(&heading);
+        let heading_error = small_angle::angle(from_path.cos(), from_path.sin());
 
-        let cycle = Cycle { state: *state, limits, dt, projection, heading, heading_error };
+        let actual = self.response.update(&state.twist, pose.rotation(), dt);
+        let cycle = Cycle { state: *state, actual, limits, dt, projection, heading, heading_error };
         let (motion, status) = match leg {
             Leg::Drive(gear) => self.drive(&cycle, gear)?,
             Leg::Turn(_) => self.turn(&cycle)?,

@@ -1,21 +1,26 @@
 //! Pure pursuit: drive the arc that leads to a point ahead.
 //!
 //! Coulter, *Implementation of the pure pursuit path tracking algorithm*, 1992: with the goal point at `(x, y)` in the
-//! vehicle's frame and at the distance `l`, the arc through it has the curvature `2 y / l²`. The look-ahead grows with
-//! the speed, is measured along the path, and reaches beyond its end, so that it neither cuts hairpins nor shrinks to
-//! nothing at the goal (the oscillation that Nav2's users report); it is never shorter than the vehicle's yaw
-//! acceleration can follow. The speed is regulated by the follower as in
+//! vehicle's frame and at the distance `l`, the arc through it has the curvature `2 y / l²`. Aiming at a point ahead cuts bends;
+//! so the arc is drawn in the path's own coordinates, arc length and distance, in which the path is a straight line, and added
+//! to the path's curvature where the vehicle will be:
+//!
+//! ```text
+//! κ = κ_path + 2 (-y cos e - L sin e) / (L² + y²)          near the path  y'' + 2 v/L y' + 2 (v/L)² y = 0
+//! ```
+//!
+//! with the distance `y`, the heading error `e` and the look-ahead `L`: a damping of 0.7 at any speed. On a straight line that is
+//! Coulter's law. The look-ahead grows with the speed within bounds and goes on beyond the path's end, so that it does not
+//! shrink to nothing at the goal (the oscillation that Nav2's users report); it is never shorter than the vehicle's yaw
+//! acceleration can follow. The speed is regulated by curvature and by the distance to the goal, in the follower, as in
 //! Macenski et al., *Regulated pure pursuit for robot path tracking*, 2023.
 
 use super::{
     follower::{Follower, FollowerParams},
+    small_angle,
     steering::{Steering, SteeringInput},
 };
-use agv_core::{
-    Error, check,
-    geometry::{LieGroup, Twist2},
-    roles::TrackError,
-};
+use agv_core::{Error, check, geometry::Twist2, roles::TrackError};
 
 /// Parameters of [`PurePursuit`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -65,27 +70,33 @@ impl PurePursuit {
 impl Steering for PurePursuitSteering {
     fn twist(&mut self, input: &SteeringInput<'_>) -> Result<Twist2, TrackError> {
         let p = &self.params;
-        let ahead = (p.look_ahead_time * input.speed).max(p.look_ahead_min);
+        let ahead = (p.look_ahead_time * input.speed).clamp(p.look_ahead_min, p.look_ahead_max);
         let ahead = steerable_look_ahead(input, ahead).min(p.look_ahead_max);
-        let (target, _) = input.course.point_at(input.projection.arc_length + ahead).ok_or(TrackError::NoPath)?;
-        let in_base = input.heading.inverse().act(&(target - input.position));
-        // At the target itself every arc leads there: go straight.
-        let square = in_base.norm_squared().max(f64::MIN_POSITIVE);
-        Ok(Twist2::new(input.speed, 0.0, input.speed * 2.0 * in_base.y / square))
+        let predicted = input.predicted()?;
+        let (error, heading_error) = (predicted.cross_track, predicted.heading_error);
+        if let Some(facing) = input.facing {
+            // Any way is open to it: the one to the point.
+            return input.sideways(facing, &predicted, -(error / ahead).atan());
+        }
+        // The point lies at (ahead, 0) along the path, the vehicle at (0, error).
+        let (sin, cos) = small_angle::sin_cos(heading_error);
+        let aside = -error * cos - ahead * sin;
+        let curvature = 2.0 * aside / (ahead * ahead + error * error);
+        Ok(Twist2::new(input.speed, 0.0, input.speed * (predicted.curvature + curvature)))
     }
 
     fn reset(&mut self) {}
 }
 
-/// The look-ahead, or the least at which the vehicle's yaw acceleration suffices to come back to the path without swinging.
+/// Least look-ahead at which the vehicle's yaw acceleration suffices to come back to the path without swinging.
 ///
 /// Near the path pure pursuit is an oscillator of frequency `√2 v / l`; an offset `y` then asks for `2√2 v² y / l³` of
 /// yaw acceleration, and a heading error `e` for `2√2 v² e / l²`.
-fn steerable_look_ahead(input: &SteeringInput<'_>, ahead: f64) -> f64 {
+fn steerable_look_ahead(input: &SteeringInput<'_>, least: f64) -> f64 {
     let pull = 2.0 * std::f64::consts::SQRT_2 * input.speed * input.speed / input.limits.twist.yaw_acceleration;
     let (cube, square) = (pull * input.projection.cross_track.abs(), pull * input.heading_error.abs());
-    // Near the path it is longer already, and a comparison is cheaper than a root.
-    let ahead = if cube > ahead * ahead * ahead { cube.cbrt() } else { ahead };
+    // Roots are slow, and seldom needed.
+    let ahead = if cube > least * least * least { cube.cbrt() } else { least };
     if square > ahead * ahead { square.sqrt() } else { ahead }
 }
 

@@ -18,8 +18,6 @@ pub struct SpeedProfile {
     per_metre: f64,
     /// Squared speed at each knot of the course, in m²/s².
     squares: Vec<f64>,
-    /// What the speeds were computed from.
-    limits: Option<MotionLimits>,
 }
 
 impl SpeedProfile {
@@ -36,19 +34,14 @@ impl SpeedProfile {
         (at(knot) * (1.0 - share) + at(knot + 1) * share).sqrt()
     }
 
-    /// Forgets the speeds and makes room for another course.
-    pub(super) fn reset(&mut self, course: &Course) {
-        self.limits = None;
+    /// Forgets the speeds and makes room for those of another course.
+    pub(super) fn make_room(&mut self, course: &Course) {
         self.squares.clear();
         self.squares.reserve(course.bends().len());
     }
 
-    /// Computes the speeds if the limits are others than before. O(length of the course) then, else O(1).
+    /// Computes the speeds. O(length of the course).
     pub(super) fn update(&mut self, course: &Course, limits: &MotionLimits) {
-        if self.limits.as_ref() == Some(limits) {
-            return;
-        }
-        self.limits = Some(*limits);
         self.per_metre = 1.0 / course.knot_spacing();
         let braking = 2.0 * limits.twist.deceleration * course.knot_spacing();
         let top = limits.twist.forward_speed.max(limits.twist.reverse_speed);

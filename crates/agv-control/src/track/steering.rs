@@ -2,11 +2,13 @@
 
 use super::{
     course::{Course, Projection},
+    follower::Facing,
+    small_angle,
     speed::SpeedProfile,
 };
 use agv_core::{
-    geometry::{So2, Twist2},
-    kinematics::MotionLimits,
+    geometry::{LieGroup, Se2, So2, Twist2, angle_difference},
+    kinematics::{MotionLimits, stopping_speed},
     path::Gear,
     roles::{TrackError, VehicleState},
 };
@@ -29,8 +31,15 @@ pub struct SteeringInput<'a> {
     pub heading: So2,
     /// Heading of the leading end relative to the path, in radians.
     pub heading_error: f64,
-    /// Velocity in the frame of the leading end.
+    /// Velocity in the frame of the leading end, as it was reported.
     pub twist: Twist2,
+    /// Velocity that the vehicle is believed to have, in the frame of the leading end: what was reported, late by the lag of the
+    /// drives, and with the slip that was learnt.
+    pub actual: Twist2,
+    /// Time constant of the drives' lag, in seconds.
+    pub response_time: f64,
+    /// How a vehicle that moves to any side is to face; none for all others.
+    pub facing: Option<Facing>,
     /// Speed that is planned for this cycle, in metres per second, not negative: bends, the stop ahead and the limits allow it.
     pub speed: f64,
     /// The vehicle as it is, in its base frame.
@@ -42,6 +51,89 @@ pub struct SteeringInput<'a> {
     /// Time until the next cycle, in seconds.
     pub dt: f64,
 }
+
+/// Where the vehicle will be on its path when its drives have done what they were told.
+///
+/// With these in place of the present errors a law is free of the lag: `cross_track' = v sin(heading_error)` and
+/// `heading_error' = command - v curvature`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Prediction {
+    /// Place on the path, in metres from its beginning.
+    pub arc_length: f64,
+    /// Distance from the path, in metres; positive to the left of the direction of travel.
+    pub cross_track: f64,
+    /// Heading of the leading end relative to the path with its corners rounded off, in radians.
+    pub heading_error: f64,
+    /// Turn of the path per metre at that place, in 1/m.
+    pub curvature: f64,
+}
+
+impl SteeringInput<'_> {
+    /// The errors that a law should mend: those of the moment when the drives have done what they were told, a
+    /// [`response_time`](Self::response_time) ahead.
+    ///
+    /// # Errors
+    /// [`TrackError::NoPath`].
+    #[inline]
+    pub fn predicted(&self) -> Result<Prediction, TrackError> {
+        let here = self.projection.arc_length;
+        let (v, time) = (self.actual.vx, self.response_time);
+        let heading_error = self.course.angle_from(here, self.heading).ok_or(TrackError::NoPath)?;
+        let turning = self.actual.yaw_rate - v * self.course.curvature_at(here);
+        let (sin, cos) = small_angle::sin_cos(heading_error);
+        let sideways = v * sin + self.actual.vy * cos;
+        let arc_length = here + (v * time).max(0.0);
+        Ok(Prediction {
+            arc_length,
+            cross_track: self.projection.cross_track + time * sideways,
+            heading_error: heading_error + time * turning,
+            curvature: self.course.curvature_at(arc_length),
+        })
+    }
+
+    /// Position and heading of the leading end when the drives have done what they were told: the present ones, coasting for the
+    /// [`response_time`](Self::response_time).
+    #[inline]
+    pub fn predicted_pose(&self) -> Se2 {
+        Se2::from_parts(self.position, self.heading).compose(&self.actual.integrate(self.response_time))
+    }
+
+    /// The turn rate that mends a heading error (what is wanted less what is) at `gain` per second, but none that the yaw
+    /// acceleration cannot end in time: that would swing past the direction. In radians per second.
+    #[inline]
+    pub fn turn_rate(&self, error: f64, gain: f64) -> f64 {
+        let stoppable = stopping_speed(error.abs(), BRAKING_SHARE * self.limits.twist.yaw_acceleration, self.dt);
+        (gain * error).clamp(-stoppable, stoppable)
+    }
+
+    /// For a vehicle that moves to any side: the planned speed at `approach` radians to the left of the path, while the vehicle
+    /// turns to face as it should.
+    ///
+    /// # Errors
+    /// [`TrackError::NoPath`].
+    pub fn sideways(&self, facing: Facing, predicted: &Prediction, approach: f64) -> Result<Twist2, TrackError> {
+        let (sin, cos) = (approach - predicted.heading_error).sin_cos();
+        let (error, turn) = match facing {
+            Facing::Travel => (predicted.heading_error, predicted.curvature),
+            Facing::Path => {
+                let yaw = |s| self.course.yaw_at(s).ok_or(TrackError::NoPath);
+                let half = 0.5 * self.course.bend_window();
+                let (behind, ahead) = (yaw(predicted.arc_length - half)?, yaw(predicted.arc_length + half)?);
+                let base = self.state.map_from_base.yaw() + self.response_time * self.actual.yaw_rate;
+                let turn = angle_difference(ahead, behind) / (2.0 * half);
+                (angle_difference(base, behind + half * turn), turn)
+            }
+        };
+        let yaw_rate = self.speed * turn + self.turn_rate(-error, FACING_GAIN);
+        Ok(Twist2::new(self.speed * cos, self.speed * sin, yaw_rate))
+    }
+}
+
+/// Share of the yaw acceleration that ending a turn may take; the rest is there for the lag of the actuators.
+const BRAKING_SHARE: f64 = 0.5;
+
+/// Turn rate per error of where the vehicle faces, in 1/s, for vehicles whose way does not depend on it.
+const FACING_GAIN: f64 = 2.0;
 
 /// How to move along a path: the part in which trackers differ.
 pub trait Steering {

@@ -41,7 +41,8 @@ impl Twist2 {
 
     /// Speed over ground, in metres per second.
     pub fn speed(&self) -> f64 {
-        self.vx.hypot(self.vy)
+        // The same, and most vehicles cannot move sideways.
+        if self.vy == 0.0 { self.vx.abs() } else { self.vx.hypot(self.vy) }
     }
 
     /// Whether all three components are finite.

@@ -60,21 +60,23 @@ impl BeamCounts {
     /// Most beams of a scan: counts then fit 15 bits.
     pub(crate) const MOST_BEAMS: usize = i16::MAX as usize;
 
-    /// Prepares for beams that stay within `bounds`.
-    pub(crate) fn begin(&mut self, bounds: Bounds) {
+    /// Prepares for beams that stay within `bounds`; no scan of this kind has bounds of more than `most` cells along x
+    /// and y, so that later ones find room.
+    pub(crate) fn begin(&mut self, bounds: Bounds, most: (usize, usize)) {
         self.low = bounds.low;
         self.width = (bounds.high.0 - bounds.low.0 + 1) as usize;
         self.height = (bounds.high.1 - bounds.low.1 + 1) as usize;
         let len = (self.width + 1) * (self.height + 1);
         if self.rows.len() < len {
-            // With room to spare, for the next scan reaches a little farther.
-            let len = len.next_power_of_two();
-            self.rows.resize(len, 0);
-            self.columns.resize(len, 0);
+            // Memory that is reserved and not touched costs nothing.
+            for marks in [&mut self.rows, &mut self.columns] {
+                marks.reserve(((most.0 + 1) * (most.1 + 1)).saturating_sub(marks.len()));
+                marks.resize(len, 0);
+            }
         }
         self.passing.clear();
-        self.passing.resize(self.width, 0);
-        self.sums.resize(self.width + 1);
+        self.passing.resize(self.width.max(most.0), 0);
+        self.sums.resize(self.width.max(most.0) + 1);
     }
 
     /// Whether [`mark`](Self::mark) takes a beam: none that is long, or that may meet a corner between cells.

@@ -158,6 +158,11 @@ impl InverseModel {
         self.hit
     }
 
+    /// Greatest distance in metres up to which a scanner of range `range_max` says anything.
+    pub(crate) const fn reach(&self, range_max: f64) -> f64 {
+        range_max.min(self.max_range)
+    }
+
     /// What the beam of a scanner of range `range_max` (in metres) says; none if nothing.
     #[inline]
     pub fn read(&self, beam: Beam, range_max: f64) -> Option<BeamEvidence> {
@@ -172,7 +177,7 @@ impl InverseModel {
             Beam::NoReturn => match self.params.no_return {
                 NoReturn::Ignore => None,
                 NoReturn::FreeUpTo(limit) => {
-                    Some(BeamEvidence { free_until: limit.min(range_max).min(self.max_range), hit: 0 })
+                    Some(BeamEvidence { free_until: limit.min(self.reach(range_max)), hit: 0 })
                 }
             },
             Beam::Invalid => None,

@@ -53,6 +53,8 @@ pub(crate) struct ProjectedScan {
     origin: (i64, i64),
     ends: Vec<End>,
     skipped: usize,
+    /// Cells along an axis that no scan of this scanner exceeds.
+    span: usize,
     /// Cosine and sine of each beam, and the `angle_min` and `angle_increment` that they belong to.
     directions: Vec<(f64, f64)>,
     directions_of: (f64, f64),
@@ -97,6 +99,7 @@ impl ProjectedScan {
             self.ends.push(End { x: to_lattice(end_x), y: to_lattice(end_y), hit: evidence.hit });
         }
         self.skipped = scan.len() - self.ends.len();
+        self.span = 2 * (model.reach(geometry.range_max) * per_metre).min(far) as usize + 3;
         Ok(())
     }
 
@@ -214,7 +217,8 @@ fn insert_free<U: CellUpdate>(
     let start = (from.0 >> LATTICE_BITS, from.1 >> LATTICE_BITS);
     let bounds = worth_counting(scan, block, start, axes);
     if let Some(bounds) = bounds {
-        counts.begin(bounds);
+        let most = |cells: i64| scan.span.min(cells as usize);
+        counts.begin(bounds, (most(block.width), most(block.height)));
     }
     let mut updates = 0;
     for end in &scan.ends {
@@ -384,7 +388,7 @@ mod tests {
         let mut walked = vec![0; (block.width * block.height) as usize];
         let mut counted = walked.clone();
         let counts = &mut scratch.counts;
-        counts.begin(bounds);
+        counts.begin(bounds, (0, 0));
         for &end in &ends {
             let (x, y) = (Axis::new(origin.0, end.0), Axis::new(origin.1, end.1));
             if BeamCounts::takes(&x, &y) {

@@ -82,12 +82,11 @@ impl TwistLimits {
     pub fn clamp(&self, twist: &Twist2) -> Result<Twist2, Error> {
         self.validate()?;
         finite_twist("twist", twist)?;
-        Ok(self.clamp_sound(twist))
+        Ok(self.clamped(twist))
     }
 
-    /// As [`clamp`](Self::clamp), of values that were checked.
-    #[inline]
-    pub(super) fn clamp_sound(&self, twist: &Twist2) -> Twist2 {
+    /// [`clamp`](Self::clamp) of values that were checked.
+    pub(super) fn clamped(&self, twist: &Twist2) -> Twist2 {
         let vy = if self.lateral_speed == 0.0 { 0.0 } else { twist.vy };
         let forward_or_back = if twist.vx < 0.0 { self.reverse_speed } else { self.forward_speed };
         let scale = [(twist.vx, forward_or_back), (vy, self.lateral_speed), (twist.yaw_rate, self.yaw_rate)]
@@ -112,16 +111,14 @@ impl TwistLimits {
     pub fn step(&self, current: &Twist2, target: &Twist2, dt: f64) -> Result<Twist2, Error> {
         finite_twist("current twist", current)?;
         check::non_negative("dt", dt)?;
-        Ok(self.step_sound(current, &self.clamp(target)?, dt))
+        Ok(self.stepped(current, &self.clamp(target)?, dt))
     }
 
-    /// As [`step`](Self::step), of values that were checked, to a target that was clamped.
-    #[inline]
-    pub(super) fn step_sound(&self, current: &Twist2, target: &Twist2, dt: f64) -> Twist2 {
-        let target = *target;
-        let axes = self.axes(current, &target, dt);
+    /// [`step`](Self::step) between values that were checked, to a target that was clamped.
+    pub(super) fn stepped(&self, current: &Twist2, target: &Twist2, dt: f64) -> Twist2 {
+        let axes = self.axes(current, target, dt);
         if axes.iter().all(Axis::reaches_target) {
-            return target;
+            return *target;
         }
         let along = [target.vx, target.vy, target.yaw_rate];
         let (least, greatest) = axes
@@ -129,7 +126,7 @@ impl TwistLimits {
             .zip(along)
             .map(|(axis, along)| axis.multiples(along))
             .fold((f64::NEG_INFINITY, f64::INFINITY), |(a, b), (c, d)| (a.max(c), b.min(d)));
-        let [vx, vy, yaw_rate] = if target != Twist2::ZERO && least <= greatest && least < f64::INFINITY {
+        let [vx, vy, yaw_rate] = if *target != Twist2::ZERO && least <= greatest && least < f64::INFINITY {
             let multiple = 1.0_f64.clamp(least, greatest);
             along.map(|along| multiple * along)
         } else {
@@ -156,7 +153,6 @@ impl TwistLimits {
     /// The components of a step from `current` to `target`.
     ///
     /// A vehicle that cannot move sideways has no such component: what is measured of it is slip, not for it to brake.
-    #[inline]
     pub(super) fn axes(&self, current: &Twist2, target: &Twist2, dt: f64) -> [Axis; 3] {
         let (a, d, yaw) = (self.acceleration, self.deceleration, self.yaw_acceleration);
         let sideways = if self.lateral_speed == 0.0 { 0.0 } else { current.vy };

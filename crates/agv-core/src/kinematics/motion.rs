@@ -134,19 +134,22 @@ impl MotionLimits {
     pub fn clamp(&self, twist: &Twist2) -> Result<Twist2, Error> {
         self.validate()?;
         finite_twist("twist", twist)?;
-        Ok(self.clamp_sound(twist))
+        self.clamped(twist)
     }
 
-    #[inline]
-    fn clamp_sound(&self, twist: &Twist2) -> Twist2 {
-        let steered = self.steering.map_or(*twist, |steering| steering.clamp_sound(twist));
-        let slow = self.twist.clamp_sound(&steered);
+    /// [`clamp`](Self::clamp) of values that were checked.
+    fn clamped(&self, twist: &Twist2) -> Result<Twist2, Error> {
+        let steered = self.steering.map_or(Ok(*twist), |steering| steering.clamp(twist))?;
+        let slow = self.twist.clamped(&steered);
+        if self.lateral_acceleration.is_none() {
+            return Ok(slow);
+        }
         let sideways = slow.speed() * slow.yaw_rate.abs();
         let scale = match self.lateral_acceleration {
             Some(limit) if sideways > limit + TOLERANCE => (limit / sideways).sqrt(),
-            _ => return slow,
+            _ => return Ok(slow),
         };
-        Twist2::new(scale * slow.vx, scale * slow.vy, scale * slow.yaw_rate)
+        Ok(Twist2::new(scale * slow.vx, scale * slow.vy, scale * slow.yaw_rate))
     }
 
     /// The motion after one time step from `current` towards `target`, within all limits at once; see
@@ -163,10 +166,10 @@ impl MotionLimits {
         current.check("current twist")?;
         target.check("target twist")?;
         check::non_negative("dt", dt)?;
-        Ok(match &self.steering {
+        match &self.steering {
             Some(steering) => self.step_steered(steering, current, target, dt),
-            None => self.step_free(&current.twist, &target.twist, dt).into(),
-        })
+            None => self.step_free(current, target, dt),
+        }
     }
 
     /// As [`step`](Self::step) towards rest, the wheels staying as they are: braking as hard as allowed.
@@ -183,40 +186,36 @@ impl MotionLimits {
     /// Steering angles that are not given are read off the twists; at rest the wheels point straight ahead before the step,
     /// and stay as they are in it.
     pub fn allows_step(&self, from: &Motion, to: &Motion, dt: f64) -> bool {
-        self.steering.as_ref().map_or_else(
-            || self.allows_free(&from.twist, &to.twist, dt),
-            |steering| self.allows_steered(steering, from, to, dt),
-        )
-    }
-
-    fn allows_free(&self, from: &Twist2, to: &Twist2, dt: f64) -> bool {
-        let axes = self.twist.axes(from, to, dt);
-        axes.iter().all(Axis::reaches_target)
-            && self.lateral_acceleration.is_none_or(|limit| {
-                let [x, y, yaw] = axes.map(|axis| axis.slowest());
-                to.speed() * to.yaw_rate.abs() <= exceed(limit.max(x.hypot(y) * yaw.abs()))
-            })
-    }
-
-    fn allows_steered(&self, steering: &SteeringLimits, from: &Motion, to: &Motion, dt: f64) -> bool {
         let twist = to.twist;
-        let reach = Reach::new(self, steering, from, twist.vx, dt);
-        let (low, high) = (reach.angle.least - TOLERANCE, reach.angle.greatest + TOLERANCE);
-        // Without an angle, any in reach that makes the twist will do.
-        let (low, high) = to.steering.map_or((low, high), |angle| (angle.max(low), angle.min(high)));
-        let lateral = twist.yaw_rate * steering.wheelbase;
-        let (a, b) = (twist.vx * low.tan(), twist.vx * high.tan());
-        let tolerance = TOLERANCE * (1.0 + lateral.abs());
-        reach.speed.reaches_target()
-            && to.steering.is_none_or(|angle| angle >= low && angle <= high)
-            && twist.vy == 0.0
-            && lateral >= a.min(b) - tolerance
-            && lateral <= a.max(b) + tolerance
-            && twist.yaw_rate.abs() <= exceed(self.twist.yaw_rate.max(reach.least_yaw_rate()))
-            && self.lateral_acceleration.is_none_or(|limit| {
-                let least = reach.speed.slowest().abs() * reach.least_yaw_rate();
-                (twist.vx * twist.yaw_rate).abs() <= exceed(limit.max(least))
-            })
+        match &self.steering {
+            Some(steering) => {
+                let reach = Reach::new(self, steering, from, twist.vx, dt);
+                let (low, high) = (reach.angle.least - TOLERANCE, reach.angle.greatest + TOLERANCE);
+                // Without an angle, any in reach that makes the twist will do.
+                let (low, high) = to.steering.map_or((low, high), |angle| (angle.max(low), angle.min(high)));
+                let lateral = twist.yaw_rate * steering.wheelbase;
+                let (a, b) = (twist.vx * low.tan(), twist.vx * high.tan());
+                let tolerance = TOLERANCE * (1.0 + lateral.abs());
+                reach.speed.reaches_target()
+                    && to.steering.is_none_or(|angle| angle >= low && angle <= high)
+                    && twist.vy == 0.0
+                    && lateral >= a.min(b) - tolerance
+                    && lateral <= a.max(b) + tolerance
+                    && twist.yaw_rate.abs() <= exceed(self.twist.yaw_rate.max(reach.least_yaw_rate()))
+                    && self.lateral_acceleration.is_none_or(|limit| {
+                        let least = reach.speed.slowest().abs() * reach.least_yaw_rate();
+                        (twist.vx * twist.yaw_rate).abs() <= exceed(limit.max(least))
+                    })
+            }
+            None => {
+                let axes = self.twist.axes(&from.twist, &twist, dt);
+                axes.iter().all(Axis::reaches_target)
+                    && self.lateral_acceleration.is_none_or(|limit| {
+                        let [x, y, yaw] = axes.map(|axis| axis.slowest());
+                        twist.speed() * twist.yaw_rate.abs() <= exceed(limit.max(x.hypot(y) * yaw.abs()))
+                    })
+            }
+        }
     }
 
     /// Distance covered until rest from `speed` m/s, after `reaction_time` seconds at that speed, in metres. No limit but
@@ -236,36 +235,40 @@ impl MotionLimits {
         self.twist.stopping_speed(distance, reaction_time)
     }
 
-    /// A step of a vehicle that turns by its wheels' speeds.
-    fn step_free(&self, current: &Twist2, target: &Twist2, dt: f64) -> Twist2 {
-        let target = self.clamp_sound(target);
-        let wanted = self.twist.step_sound(current, &target, dt);
-        let Some(limit) = self.lateral_acceleration else { return wanted };
+    fn step_free(&self, current: &Motion, target: &Motion, dt: f64) -> Result<Motion, Error> {
+        let target = self.clamped(&target.twist)?;
+        let wanted = self.twist.stepped(&current.twist, &target, dt);
+        let Some(limit) = self.lateral_acceleration else { return Ok(wanted.into()) };
         let sideways = wanted.speed() * wanted.yaw_rate.abs();
         if sideways <= limit {
-            return wanted;
+            return Ok(wanted.into());
         }
         // On the same curvature if that is in reach, else less of a turn, else less speed too.
         let scale = (limit / sideways).sqrt();
-        let [x, y, yaw] = self.twist.axes(current, &target, dt);
+        let [x, y, yaw] = self.twist.axes(&current.twist, &target, dt);
         let (vx, vy) = (x.nearest(scale * wanted.vx), y.nearest(scale * wanted.vy));
         let speed = vx.hypot(vy);
         let most = limit / speed.max(f64::MIN_POSITIVE);
         let yaw_rate = yaw.nearest((scale * wanted.yaw_rate).clamp(-most, most));
         if speed * yaw_rate.abs() <= limit {
-            return Twist2::new(vx, vy, yaw_rate);
+            return Ok(Twist2::new(vx, vy, yaw_rate).into());
         }
         // The speed is convex along the way to the slowest, so at this share it is low enough.
         let (slow_x, slow_y) = (x.slowest(), y.slowest());
         let excess = speed - limit / yaw_rate.abs();
         let share = (excess / (speed - slow_x.hypot(slow_y)).max(f64::MIN_POSITIVE)).min(1.0);
         let mix = |from: f64, to: f64| from + share * (to - from);
-        Twist2::new(x.nearest(mix(vx, slow_x)), y.nearest(mix(vy, slow_y)), yaw_rate)
+        Ok(Twist2::new(x.nearest(mix(vx, slow_x)), y.nearest(mix(vy, slow_y)), yaw_rate).into())
     }
 
-    /// A step of a vehicle that steers.
-    fn step_steered(&self, steering: &SteeringLimits, current: &Motion, target: &Motion, dt: f64) -> Motion {
-        let wanted = self.clamp_sound(&target.twist);
+    fn step_steered(
+        &self,
+        steering: &SteeringLimits,
+        current: &Motion,
+        target: &Motion,
+        dt: f64,
+    ) -> Result<Motion, Error> {
+        let wanted = self.clamped(&target.twist)?;
         let reach = Reach::new(self, steering, current, wanted.vx, dt);
         let angle = match target.steering {
             Some(angle) => angle,
@@ -282,7 +285,7 @@ impl MotionLimits {
         // At rest any angle will do, and 0/0 is no bound.
         let angle = if vx == 0.0 { angle } else { reach.angle.nearest(angle.clamp(-most, most)) };
         let twist = Twist2::new(vx, 0.0, vx * steering.curvature(angle));
-        Motion { twist, steering: Some(angle) }
+        Ok(Motion { twist, steering: Some(angle) })
     }
 }
 

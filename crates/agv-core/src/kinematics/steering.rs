@@ -106,15 +106,9 @@ impl SteeringLimits {
     pub fn clamp(&self, twist: &Twist2) -> Result<Twist2, Error> {
         self.validate()?;
         finite_twist("twist", twist)?;
-        Ok(self.clamp_sound(twist))
-    }
-
-    /// As [`clamp`](Self::clamp), of values that were checked.
-    #[inline]
-    pub(super) fn clamp_sound(&self, twist: &Twist2) -> Twist2 {
         // Apart at rest, where an absurdly short wheelbase would make it NaN.
         let limit = if twist.vx == 0.0 { 0.0 } else { self.max_curvature() * twist.vx.abs() };
-        Twist2::new(twist.vx, 0.0, twist.yaw_rate.clamp(-limit, limit))
+        Ok(Twist2::new(twist.vx, 0.0, twist.yaw_rate.clamp(-limit, limit)))
     }
 
     /// The steering angle nearest to `target` that can be reached from `current` in `dt` seconds, within the limits.

@@ -6,6 +6,7 @@
 
 use super::{Course, Section};
 use agv_core::geometry::{LieGroup, So2};
+use nalgebra::Vector2;
 
 /// Knots in a window.
 const PER_WINDOW: usize = 8;
@@ -31,13 +32,23 @@ pub(super) struct Knots {
     /// Turning of the path before each knot, in radians.
     turned: Vec<f64>,
     bends: Vec<Bend>,
+    /// Direction of travel at each knot, corners rounded off, and the section that it is that of.
+    directions: Vec<(Vector2<f64>, u32)>,
     /// Segment that holds each knot.
     segments: Vec<u32>,
 }
 
 impl Knots {
     pub(super) const fn new(window: f64) -> Self {
-        Self { window, spacing: 1.0, per_metre: 1.0, turned: Vec::new(), bends: Vec::new(), segments: Vec::new() }
+        Self {
+            window,
+            spacing: 1.0,
+            per_metre: 1.0,
+            turned: Vec::new(),
+            bends: Vec::new(),
+            directions: Vec::new(),
+            segments: Vec::new(),
+        }
     }
 
     /// A segment that begins at or before an arc length.
@@ -73,6 +84,34 @@ impl Course {
     /// The bends at the knots, from the beginning of the course to its end.
     pub(in crate::track) fn bends(&self) -> &[Bend] {
         &self.knots.bends
+    }
+
+    /// Smoothed direction of travel in the present section, not of unit length, between the two knots around an arc length; none
+    /// if these are not both in the section.
+    #[inline]
+    pub(super) fn knot_direction(&self, arc_length: f64) -> Option<Vector2<f64>> {
+        let place = arc_length * self.knots.per_metre;
+        // The cast saturates, and takes NaN for zero.
+        let knot = place as usize;
+        let [(behind, first), (ahead, second)] = *self.knots.directions.get(knot..)?.first_chunk()?;
+        let inside = place >= 0.0 && first as usize == self.section && second == first;
+        inside.then(|| behind + (ahead - behind) * (place - knot as f64))
+    }
+
+    /// Stores the smoothed directions at the knots, each in the section that is driven there.
+    pub(super) fn set_knot_directions(&mut self) {
+        let mut directions = std::mem::take(&mut self.knots.directions);
+        directions.clear();
+        let mut section = 0;
+        for knot in 0..self.knots.bends.len() {
+            let here = knot as f64 * self.knots.spacing;
+            while section + 1 < self.sections.len() && self.arc_lengths[self.sections[section].last] < here {
+                section += 1;
+            }
+            let direction = self.direction_in(section, here).unwrap_or_default();
+            directions.push((Vector2::new(direction.cos(), direction.sin()), section as u32));
+        }
+        self.knots.directions = directions;
     }
 
     /// Reads the corners as bends: turning within half a window of each knot, per metre, and how far that exceeds the windows

@@ -3,6 +3,7 @@
 mod bends;
 mod projection;
 
+use super::small_angle;
 use agv_core::{
     geometry::{So2, angle_difference},
     path::{Gear, Path},
@@ -11,6 +12,7 @@ use agv_core::{
 pub(super) use bends::Bend;
 use bends::Knots;
 use nalgebra::Vector2;
+use projection::Clearance;
 pub use projection::Projection;
 
 /// What a stretch of a course asks for.
@@ -53,6 +55,8 @@ pub struct Course {
     segment: usize,
     /// Arc length of the vehicle's last projection, in metres.
     progress: f64,
+    /// Where the nearest point need not be searched.
+    clearance: Option<Clearance>,
 }
 
 impl Course {
@@ -68,6 +72,7 @@ impl Course {
             section: 0,
             segment: 0,
             progress: 0.0,
+            clearance: None,
         }
     }
 
@@ -109,6 +114,7 @@ impl Course {
             }
         }
         self.set_knots();
+        self.set_knot_directions();
         Ok(())
     }
 
@@ -118,7 +124,7 @@ impl Course {
         self.arc_lengths.clear();
         self.directions.clear();
         self.sections.clear();
-        (self.section, self.segment, self.progress) = (0, 0, 0.0);
+        (self.section, self.segment, self.progress, self.clearance) = (0, 0, 0.0, None);
     }
 
     fn push_vertex(&mut self, position: Vector2<f64>, yaw: f64, arc_length: f64) {
@@ -179,6 +185,7 @@ impl Course {
         let more = !self.is_last_section();
         if more {
             self.section += 1;
+            self.clearance = None;
             let first = self.sections[self.section].first;
             self.segment = first;
             self.progress = self.arc_lengths[first];
@@ -190,7 +197,12 @@ impl Course {
     /// its first and last segments go on straight.
     #[inline]
     pub fn point_at(&self, arc_length: f64) -> Option<(Vector2<f64>, So2)> {
-        let section = self.sections.get(self.section)?;
+        self.point_in(self.section, arc_length)
+    }
+
+    #[inline]
+    fn point_in(&self, section: usize, arc_length: f64) -> Option<(Vector2<f64>, So2)> {
+        let section = self.sections.get(section)?;
         if let Leg::Turn(yaw) = section.leg {
             return Some((self.vertices[section.first], So2::from_angle(yaw)));
         }
@@ -216,12 +228,29 @@ impl Course {
 
     /// Direction of travel at an arc length with corners rounded off: that of the chord over the bend window.
     pub fn direction_at(&self, arc_length: f64) -> Option<So2> {
+        self.direction_in(self.section, arc_length)
+    }
+
+    fn direction_in(&self, section: usize, arc_length: f64) -> Option<So2> {
         let window = self.bend_window();
-        let (behind, _) = self.point_at(arc_length - 0.5 * window)?;
-        let (ahead, direction) = self.point_at(arc_length + 0.5 * window)?;
+        let (behind, _) = self.point_in(section, arc_length - 0.5 * window)?;
+        let (ahead, direction) = self.point_in(section, arc_length + 0.5 * window)?;
         let chord = ahead - behind;
         // A hairpin narrower than the window has no chord to speak of.
         Some(if chord.norm() > 0.1 * window { So2::from_direction(chord.x, chord.y) } else { direction })
+    }
+
+    /// Angle of a heading relative to [`direction_at`](Self::direction_at), in radians; read between two knots, so cheaper.
+    #[inline]
+    pub(super) fn angle_from(&self, arc_length: f64, heading: So2) -> Option<f64> {
+        let direction = if let Some(direction) = self.knot_direction(arc_length) {
+            direction
+        } else {
+            let direction = self.direction_at(arc_length)?;
+            Vector2::new(direction.cos(), direction.sin())
+        };
+        let (cos, sin) = (heading.cos(), heading.sin());
+        Some(small_angle::angle(direction.x * cos + direction.y * sin, direction.x * sin - direction.y * cos))
     }
 
     /// The segment of the whole course that holds an arc length, the first or last for one beyond. O(1) for points that are

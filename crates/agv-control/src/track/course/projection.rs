@@ -1,6 +1,6 @@
 //! Where on its course a vehicle is.
 
-use super::{Course, Leg};
+use super::{Course, Leg, Section};
 use agv_core::geometry::So2;
 use nalgebra::Vector2;
 
@@ -15,24 +15,31 @@ pub struct Projection {
     pub direction: So2,
 }
 
-/// How far ahead of a vehicle that is off the path its nearest point is searched, as a multiple of its distance from the path:
-/// around a corner of 30° the way along the path is so much longer.
-const DETOUR: f64 = 4.0;
+/// What is known of the course beyond the segments next to the vehicle: how far it is from there, so that the nearest point need not be
+/// searched in it while the vehicle has moved less than that.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Clearance {
+    /// Where the vehicle was.
+    position: Vector2<f64>,
+    /// First segment that is known, and arc length up to which they are.
+    first: usize,
+    end: f64,
+    /// No point of them is nearer to the position than this, in metres.
+    distance: f64,
+}
+
+/// Segments that are looked at one by one in every cycle.
+const NEXT: usize = 12;
+
+/// How much farther than asked for the clearance is known, in metres: the way on which it need not be renewed.
+const FARTHER: f64 = 0.5;
 
 impl Course {
     /// Moves the progress to the nearest point of the present section, not searching farther ahead than `reach`
     /// metres nor behind the segment that was nearest before; none if there is no course.
-    pub fn advance(&mut self, position: &Vector2<f64>, reach: f64) -> Option<Projection> {
-        self.advance_within(position, reach, reach)
-    }
-
-    /// As [`advance`](Self::advance), `stride` metres ahead (at least what the vehicle may have driven), and farther only if the
-    /// vehicle is off the path: four times its distance, up to `reach` metres in all. So a path that comes back to where it was
-    /// does not catch a vehicle that is on it.
     ///
-    /// Near the path a handful of segments is looked at, however short they are: from a vertex at the distance `D` on, no point
-    /// nearer than the best, at `d`, comes within the next `D - d` metres of arc length.
-    pub fn advance_within(&mut self, position: &Vector2<f64>, stride: f64, reach: f64) -> Option<Projection> {
+    /// Amortised over a drive a dozen segments are looked at in a cycle.
+    pub fn advance(&mut self, position: &Vector2<f64>, reach: f64) -> Option<Projection> {
         let section = *self.sections.get(self.section)?;
         if let Leg::Turn(yaw) = section.leg {
             let direction = So2::from_angle(yaw);
@@ -40,64 +47,104 @@ impl Course {
             let cross_track = offset.norm().copysign(side(direction, offset));
             return Some(Projection { arc_length: self.progress, cross_track, direction });
         }
-        let mut segment = self.segment.max(section.first);
-        let mut best = Nearest { square: f64::INFINITY, distance: f64::INFINITY, segment, ahead: 0.0, across: 0.0 };
+        let limit = self.progress + reach;
+        let start = self.segment.max(section.first);
+        let known = self.clearance.filter(|c| {
+            c.first >= start
+                && c.first <= start + 2 * NEXT
+                && (limit <= c.end || c.end >= self.arc_lengths[section.last])
+        });
+        let (segment, ahead, distance) = match known {
+            Some(known) => {
+                let (mut square, mut best) = (f64::INFINITY, (start, 0.0));
+                for segment in start..known.first {
+                    if segment > start && self.arc_lengths[segment] > limit {
+                        break;
+                    }
+                    let (found, ahead) = self.square_distance(segment, position);
+                    if found < square {
+                        (square, best) = (found, (segment, ahead));
+                    }
+                }
+                let distance = square.sqrt();
+                if distance < known.distance - (position - known.position).norm() {
+                    (best.0, best.1, distance)
+                } else {
+                    self.search(&section, start, limit, position)
+                }
+            }
+            None => self.search(&section, start, limit, position),
+        };
+        self.segment = segment;
+        self.progress = self.arc_lengths[segment] + ahead;
+        let direction = self.directions[segment];
+        let offset = position - self.vertices[segment];
+        // The distance to the nearest point, so that beyond a corner or the end nothing is understated.
+        let cross_track = distance.copysign(side(direction, offset));
+        Some(Projection { arc_length: self.progress, cross_track, direction })
+    }
+
+    /// The nearest point from a segment on to an arc length: its segment, how far along that it lies, and its distance. Renews the
+    /// clearance.
+    ///
+    /// Near the path a handful of segments is looked at, however short they are: from a vertex at the distance `D` on, no point
+    /// nearer than the best, at `d`, comes within the next `D - d` metres of arc length.
+    fn search(&mut self, section: &Section, start: usize, limit: f64, position: &Vector2<f64>) -> (usize, f64, f64) {
+        let mut segment = start;
+        let mut best = (segment, 0.0, f64::INFINITY);
         loop {
-            let (direction, begin, end) =
-                (self.directions[segment], self.arc_lengths[segment], self.arc_lengths[segment + 1]);
-            let offset = position - self.vertices[segment];
-            let along = direction.cos() * offset.x + direction.sin() * offset.y;
-            let across = side(direction, offset);
-            let ahead = along.clamp(0.0, end - begin);
-            let (beyond, left) = (along - ahead, along - (end - begin));
-            let square = across * across + beyond * beyond;
-            if square < best.square {
-                best = Nearest { square, distance: square.sqrt(), segment, ahead, across };
+            let (square, ahead) = self.square_distance(segment, position);
+            let distance = square.sqrt();
+            if distance < best.2 {
+                best = (segment, ahead, distance);
             }
             if segment + 1 >= section.last {
                 break;
             }
-            let to_end = (across * across + left * left).sqrt();
-            let following = self.segment_from(segment + 1, end + to_end - best.distance);
-            let limit = self.progress + reach.min(stride + DETOUR * best.distance);
+            let to_end = self.distance(segment + 1, position);
+            let next = self.arc_lengths[segment + 1] + (to_end - best.2).max(0.0);
+            let following = self.segment_at(next).max(segment + 1);
             if following >= section.last || self.arc_lengths[following] > limit {
                 break;
             }
             segment = following;
         }
-        self.segment = best.segment;
-        self.progress = self.arc_lengths[best.segment] + best.ahead;
-        // The distance to the nearest point, so that beyond a corner or the end nothing is understated.
-        let cross_track = best.distance.copysign(best.across);
-        Some(Projection { arc_length: self.progress, cross_track, direction: self.directions[best.segment] })
+        self.clearance =
+            Some(self.clearance_from((best.0 + NEXT).min(section.last), section.last, limit + FARTHER, position));
+        best
     }
 
-    /// The segment from `first` on that holds an arc length; one after the last if none does.
-    #[inline]
-    fn segment_from(&self, first: usize, arc_length: f64) -> usize {
-        let mut segment = first;
-        while segment < self.directions.len() && self.arc_lengths[segment + 1] <= arc_length {
-            segment += 1;
-            if segment == first + NEAR {
-                return segment.max(self.segment_at(arc_length));
-            }
+    /// How far the course is from a position, from the vertex `first` to `last` or to an arc length: two vertices at the distances
+    /// `D` and `E`, `l` metres of arc length apart, have nothing nearer than `(D + E - l) / 2` between them.
+    fn clearance_from(&self, first: usize, last: usize, limit: f64, position: &Vector2<f64>) -> Clearance {
+        let (mut vertex, mut from) = (first, self.distance(first, position));
+        let mut distance = from;
+        while vertex < last && self.arc_lengths[vertex] < limit {
+            let next = (self.segment_at(self.arc_lengths[vertex] + from)).clamp(vertex + 1, last);
+            let to = self.distance(next, position);
+            distance = distance.min(0.5 * (from + to - (self.arc_lengths[next] - self.arc_lengths[vertex])));
+            (vertex, from) = (next, to);
         }
-        segment
+        Clearance { position: *position, first, end: self.arc_lengths[vertex], distance }
     }
-}
 
-/// Segments that are counted one by one before they are looked up.
-const NEAR: usize = 4;
+    /// Squared distance of a segment from a position, and how far along the segment its nearest point lies.
+    #[inline]
+    fn square_distance(&self, segment: usize, position: &Vector2<f64>) -> (f64, f64) {
+        let direction = self.directions[segment];
+        let length = self.arc_lengths[segment + 1] - self.arc_lengths[segment];
+        let offset = position - self.vertices[segment];
+        let along = direction.cos() * offset.x + direction.sin() * offset.y;
+        let ahead = along.max(0.0).min(length);
+        let (beyond, across) = (along - ahead, side(direction, offset));
+        (beyond * beyond + across * across, ahead)
+    }
 
-/// The nearest point so far.
-struct Nearest {
-    square: f64,
-    distance: f64,
-    segment: usize,
-    /// How far ahead of the segment's beginning it is.
-    ahead: f64,
-    /// How far to the left of the segment the vehicle is.
-    across: f64,
+    /// Distance of a vertex, without the guard of `hypot` against overflow, which takes ten times as long.
+    #[inline]
+    fn distance(&self, vertex: usize, position: &Vector2<f64>) -> f64 {
+        (position - self.vertices[vertex]).norm()
+    }
 }
 
 /// How far to the left of a direction an offset points, in metres.

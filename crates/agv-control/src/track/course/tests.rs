@@ -125,7 +125,7 @@ proptest! {
     /// The nearest point that is found with few looks is the nearest of all.
     #[test]
     fn projection_skips_nothing(
-        turns in prop::collection::vec((-0.8..0.8_f64, 0.01..0.6_f64), 2..60), stride in 0.01..3.0_f64, reach in 0.1..5.0_f64,
+        turns in prop::collection::vec((-0.8..0.8_f64, 0.01..0.6_f64), 2..60), reach in 0.1..5.0_f64,
         walk in prop::collection::vec((-0.5..0.5_f64, -0.5..0.5_f64), 10),
     ) {
         let (mut at, mut yaw) = (Vector2::zeros(), 0.0_f64);
@@ -141,16 +141,15 @@ proptest! {
             let position = positions[(i * positions.len()) / 10] + Vector2::new(x, y);
             let (first, progress) = (course.segment, course.progress);
             // All segments that begin within reach, one by one.
-            let mut nearest = f64::INFINITY;
-            for k in first..positions.len() - 1 {
-                if k > first && course.arc_lengths[k] > progress + reach.min(stride + 4.0 * nearest) {
-                    break;
-                }
-                let along = positions[k + 1] - positions[k];
-                let share = ((position - positions[k]).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
-                nearest = nearest.min((position - (positions[k] + along * share)).norm());
-            }
-            let found = course.advance_within(&position, stride, reach).unwrap();
+            let nearest = (first..positions.len() - 1)
+                .take_while(|&k| k == first || course.arc_lengths[k] <= progress + reach)
+                .map(|k| {
+                    let along = positions[k + 1] - positions[k];
+                    let share = ((position - positions[k]).dot(&along) / along.norm_squared()).clamp(0.0, 1.0);
+                    (position - (positions[k] + along * share)).norm()
+                })
+                .fold(f64::INFINITY, f64::min);
+            let found = course.advance(&position, reach).unwrap();
             prop_assert!((found.cross_track.abs() - nearest).abs() < 1e-9, "{} {nearest}", found.cross_track);
         }
     }
