@@ -4,7 +4,12 @@ use crate::{
     counter,
     scenes::{circle, initialized, localize},
 };
-use agv_nav::core::compute::Par;
+use agv_nav::{
+    core::{compute::Par, geometry::UncertainPose, sensors::PoseObservation},
+    filters::kalman::{PoseFilter, PoseFilterParams},
+    nalgebra::Matrix3,
+    prelude::*,
+};
 use std::sync::Mutex;
 
 #[test]
@@ -23,5 +28,23 @@ fn monte_carlo_localisation_inside_a_pool() {
     let filter = Mutex::new(initialized(2000, Par::threads(2)));
     let run = |steps| localize(&mut filter.lock().unwrap(), steps);
     let count = counter::count_in_pool(2, || assert!(run(&drive[..10])), || assert!(run(&drive[10..])));
+    assert_eq!(count, 0);
+}
+
+#[test]
+fn pose_filter() {
+    let noise = Matrix3::identity() * 1e-4;
+    let mut filter = PoseFilter::new(PoseFilterParams::default()).unwrap();
+    let count = counter::count(|| {
+        filter.initialize(&PoseBelief::around(Se2::default(), noise).unwrap()).unwrap();
+        let (mut odom, mut now) = (Se2::default(), Stamp::default());
+        for _ in 0..100 {
+            let (next, then) = (odom * Se2::new(0.02, 0.0, 0.01), now + 0.02);
+            filter.predict(&OdometryIncrement::between(now, &odom, then, &next).unwrap()).unwrap();
+            (odom, now) = (next, then);
+            filter.update(&PoseObservation::new(now, UncertainPose::new(odom, noise).unwrap())).unwrap();
+        }
+        assert!(filter.estimate().is_some());
+    });
     assert_eq!(count, 0);
 }

@@ -13,3 +13,4 @@ mod scenes;
 mod sensors;
 mod simulation;
 mod tracking;
+mod tuning;

@@ -8,6 +8,7 @@ mod params;
 mod sensors;
 mod states;
 mod table;
+mod tuning;
 
 #[path = "../scenes/mod.rs"]
 mod scenes;

@@ -9,6 +9,7 @@ mod grids;
 mod localization;
 mod sensing;
 mod threads;
+mod tuning;
 
 #[path = "../scenes/mod.rs"]
 mod scenes;

@@ -5,6 +5,9 @@
 //! - [`plant`]: what a controller drives, as models: transfer functions, the AGV's own, the stand-ins of the papers.
 //! - [`step_response`]: how well a loop follows a step, and what a tuner minimises.
 //! - [`margin`]: how far a loop is from instability.
+//! - [`tune`]: the gains of a PID controller, or any parameters, for a step test or the user's cost; once, or while driving.
+//! - [`optimize`]: what tuning rests on, minimising an [`Objective`] without derivatives, by particle swarms ([`pso`]),
+//!   differential evolution or CMA-ES ([`evolution`]).
 //! - [`track`]: path trackers, the [`PathTracker`](agv_core::roles::PathTracker) role. A tracker is a
 //!   [`Follower`](track::Follower), which knows the path, the progress and the speed, and a
 //!   [`Steering`](track::Steering) law, which knows how to turn.
@@ -37,10 +40,16 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod error;
+pub mod evolution;
 pub mod margin;
+mod objective;
+pub mod optimize;
 pub mod pid;
 pub mod plant;
+pub mod pso;
 pub mod step_response;
 pub mod track;
+pub mod tune;
 
 pub use error::Error;
+pub use objective::{BATCH, Objective};

@@ -6,7 +6,7 @@
 //!   sections are planar worlds and maps, so that 2D and 3D see one hall.
 //! - **Vehicle**: a [`Vehicle`] of any [`Drive`] with lagging wheels and steering, slip and noisy odometry,
 //!   [`WheelEncoders`], an [`Imu`], a [`FloorCamera`] over QR codes and a [`FrontCamera`] towards landmarks.
-//! - **Tracking**: a [`PathRunParams::drive`] lets a path tracker drive a vehicle along a path, with the encoders and a noisy
+//! - **Tracking**: [`PathRunParams::drive`] lets a path tracker drive a vehicle along a path, with the encoders and a noisy
 //!   [`PoseSensor`] in the loop, and judges it by the ground truth.
 //! - [`Simulator2d`] and [`Simulator3d`] put world, vehicle and any number of sensors together, one step at a time. Ground
 //!   truth can be asked of every part.
@@ -62,7 +62,7 @@ pub use markers::{FloorCode, Landmark};
 pub use obstacles::{KeyFrame, MovingDisc, MovingDiscs};
 pub use odometer::Odometer;
 pub use odometry_noise::OdometryErrors;
-pub use path_run::{CrossTrack, Feedback, PathRun, PathRunParams, PathRunSample, PoseLocalizer};
+pub use path_run::{CrossTrack, PathRun, PathRunParams, PathRunSample, PoseLocalizer};
 pub use pose_sensor::{PoseSensor, PoseSensorParams};
 pub use simulator2d::{Observed2d, Simulator2d};
 pub use simulator3d::{CloudTruth, Observed3d, Simulator3d};

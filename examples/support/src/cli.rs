@@ -64,6 +64,7 @@ enum Figure {
     Count(u64),
     Flag(bool),
     Text(String),
+    Numbers(Vec<f64>),
 }
 
 /// The figures that an example ends with: a table for people, or one JSON object for programs.
@@ -100,6 +101,11 @@ impl Report {
     /// Adds a word.
     pub fn text(&mut self, key: &str, value: impl Into<String>) -> &mut Self {
         self.put(key, Figure::Text(value.into()))
+    }
+
+    /// Adds several numbers that belong together: an array in JSON.
+    pub fn numbers(&mut self, key: &str, values: &[f64]) -> &mut Self {
+        self.put(key, Figure::Numbers(values.to_vec()))
     }
 
     fn put(&mut self, key: &str, figure: Figure) -> &mut Self {
@@ -153,6 +159,7 @@ impl Serialize for Report {
                 Figure::Count(value) => map.serialize_entry(key, value)?,
                 Figure::Flag(value) => map.serialize_entry(key, value)?,
                 Figure::Text(value) => map.serialize_entry(key, value)?,
+                Figure::Numbers(values) => map.serialize_entry(key, values)?,
             }
         }
         map.end()
@@ -191,6 +198,9 @@ fn show(figure: &Figure) -> String {
         Figure::Count(value) => value.to_string(),
         Figure::Flag(value) => if *value { "yes" } else { "no" }.into(),
         Figure::Text(value) => value.clone(),
+        Figure::Numbers(values) => {
+            values.iter().map(|value| show(&Figure::Number(*value))).collect::<Vec<_>>().join(", ")
+        }
     }
 }
 
@@ -221,9 +231,12 @@ mod tests {
     fn json_keeps_types_order_and_one_value_per_key() {
         let mut report = Report::new("t");
         report.number("a_m", 1.0).count("n", 3).flag("ok", false).text("map", "a \"b\"").number("bad_s", f64::NAN);
-        report.count("n", 4);
+        report.count("n", 4).numbers("gains", &[1.5, f64::INFINITY]);
         let value: serde_json::Value = serde_json::from_str(&report.to_json()).unwrap();
-        assert_eq!(value, serde_json::json!({"a_m": 1.0, "n": 4, "ok": false, "map": "a \"b\"", "bad_s": null}));
+        assert_eq!(
+            value,
+            serde_json::json!({"a_m": 1.0, "n": 4, "ok": false, "map": "a \"b\"", "bad_s": null, "gains": [1.5, null]})
+        );
         assert!(report.to_json().starts_with(r#"{"a_m":1.0,"n":4"#));
     }
 

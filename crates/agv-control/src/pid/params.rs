@@ -17,7 +17,7 @@ pub enum AntiWindup {
     },
 }
 
-/// Gains and limits of a [`Pid`]; the output's unit is the actuator's, the error's unit the measurement's.
+/// Gains and limits of a [`Pid`](super::Pid); the output's unit is the actuator's, the error's unit the measurement's.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct PidParams {

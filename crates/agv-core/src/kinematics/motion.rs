@@ -186,36 +186,40 @@ impl MotionLimits {
     /// Steering angles that are not given are read off the twists; at rest the wheels point straight ahead before the step,
     /// and stay as they are in it.
     pub fn allows_step(&self, from: &Motion, to: &Motion, dt: f64) -> bool {
+        self.steering.as_ref().map_or_else(
+            || self.allows_unsteered(&from.twist, &to.twist, dt),
+            |steering| self.allows_steered(steering, from, to, dt),
+        )
+    }
+
+    fn allows_steered(&self, steering: &SteeringLimits, from: &Motion, to: &Motion, dt: f64) -> bool {
         let twist = to.twist;
-        match &self.steering {
-            Some(steering) => {
-                let reach = Reach::new(self, steering, from, twist.vx, dt);
-                let (low, high) = (reach.angle.least - TOLERANCE, reach.angle.greatest + TOLERANCE);
-                // Without an angle, any in reach that makes the twist will do.
-                let (low, high) = to.steering.map_or((low, high), |angle| (angle.max(low), angle.min(high)));
-                let lateral = twist.yaw_rate * steering.wheelbase;
-                let (a, b) = (twist.vx * low.tan(), twist.vx * high.tan());
-                let tolerance = TOLERANCE * (1.0 + lateral.abs());
-                reach.speed.reaches_target()
-                    && to.steering.is_none_or(|angle| angle >= low && angle <= high)
-                    && twist.vy == 0.0
-                    && lateral >= a.min(b) - tolerance
-                    && lateral <= a.max(b) + tolerance
-                    && twist.yaw_rate.abs() <= exceed(self.twist.yaw_rate.max(reach.least_yaw_rate()))
-                    && self.lateral_acceleration.is_none_or(|limit| {
-                        let least = reach.speed.slowest().abs() * reach.least_yaw_rate();
-                        (twist.vx * twist.yaw_rate).abs() <= exceed(limit.max(least))
-                    })
-            }
-            None => {
-                let axes = self.twist.axes(&from.twist, &twist, dt);
-                axes.iter().all(Axis::reaches_target)
-                    && self.lateral_acceleration.is_none_or(|limit| {
-                        let [x, y, yaw] = axes.map(|axis| axis.slowest());
-                        twist.speed() * twist.yaw_rate.abs() <= exceed(limit.max(x.hypot(y) * yaw.abs()))
-                    })
-            }
-        }
+        let reach = Reach::new(self, steering, from, twist.vx, dt);
+        let (low, high) = (reach.angle.least - TOLERANCE, reach.angle.greatest + TOLERANCE);
+        // Without an angle, any in reach that makes the twist will do.
+        let (low, high) = to.steering.map_or((low, high), |angle| (angle.max(low), angle.min(high)));
+        let lateral = twist.yaw_rate * steering.wheelbase;
+        let (a, b) = (twist.vx * low.tan(), twist.vx * high.tan());
+        let tolerance = TOLERANCE * (1.0 + lateral.abs());
+        reach.speed.reaches_target()
+            && to.steering.is_none_or(|angle| angle >= low && angle <= high)
+            && twist.vy == 0.0
+            && lateral >= a.min(b) - tolerance
+            && lateral <= a.max(b) + tolerance
+            && twist.yaw_rate.abs() <= exceed(self.twist.yaw_rate.max(reach.least_yaw_rate()))
+            && self.lateral_acceleration.is_none_or(|limit| {
+                let least = reach.speed.slowest().abs() * reach.least_yaw_rate();
+                (twist.vx * twist.yaw_rate).abs() <= exceed(limit.max(least))
+            })
+    }
+
+    fn allows_unsteered(&self, from: &Twist2, to: &Twist2, dt: f64) -> bool {
+        let axes = self.twist.axes(from, to, dt);
+        axes.iter().all(Axis::reaches_target)
+            && self.lateral_acceleration.is_none_or(|limit| {
+                let [x, y, yaw] = axes.map(|axis| axis.slowest());
+                to.speed() * to.yaw_rate.abs() <= exceed(limit.max(x.hypot(y) * yaw.abs()))
+            })
     }
 
     /// Distance covered until rest from `speed` m/s, after `reaction_time` seconds at that speed, in metres. No limit but

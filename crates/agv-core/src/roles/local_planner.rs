@@ -45,32 +45,6 @@ impl VehicleState {
         Self { map_from_base, twist: motion.twist, steering: motion.steering }
     }
 
-    /// The state of a vehicle whose motion follows its command with a lag of `lag` seconds, for a tracker that knows of none.
-    ///
-    /// The pose is led by the lag, along the arc of the motion that was `measured`, and the motion is the `command` of the last
-    /// cycle. Of a first-order lag, `v' = (u - v) / T`, nothing is left then:
-    ///
-    /// ```text
-    /// z = x + T v        z' = v + T v' = u
-    /// ```
-    ///
-    /// the led pose does at once what the vehicle is told, and the vehicle follows it along the same arc, and stands where it
-    /// stands.
-    ///
-    /// ```
-    /// use agv_core::geometry::{Se2, Twist2};
-    /// use agv_core::roles::VehicleState;
-    ///
-    /// // Told to turn left while it still drives straight on.
-    /// let (measured, command) = (Twist2::new(1.0, 0.0, 0.0), Twist2::new(1.0, 0.0, 0.5));
-    /// let state = VehicleState::leading(Se2::default(), &measured, &command.into(), 0.15);
-    /// assert_eq!((state.map_from_base.x(), state.twist), (0.15, command));
-    /// ```
-    pub fn leading(map_from_base: Se2, measured: &Twist2, command: &Motion, lag: f64) -> Self {
-        let map_from_base = map_from_base.compose(&measured.integrate(lag));
-        Self { map_from_base, twist: command.twist, steering: command.steering }
-    }
-
     /// Accepts a state that is finite.
     ///
     /// # Errors

@@ -6,7 +6,8 @@ use nalgebra::Vector2;
 /// How far along the path the nearest point is looked for, before and behind the last, in metres.
 const REACH: f64 = 0.5;
 
-/// Distance from a path, followed along it: where the path crosses itself, the branch that is being driven counts.
+/// Distance from a path, followed along it: where the path crosses itself, the branch that is being driven counts. At a cusp
+/// both branches do, the nearer of the two.
 ///
 /// Exact to the path's straight lines, by brute force over all of them within half a metre of path around the last nearest
 /// point; independent of how trackers find theirs.

@@ -1,9 +1,9 @@
 //! A vehicle that a path tracker drives along a path: the closed loop, judged by the ground truth.
 //!
 //! ```text
-//! vehicle -> encoders -> odometry --+--> localizer -> pose --+--> lead by the lag -> tracker -> command -> vehicle
-//!         -> pose sensor -----------|---------^              |            ^
-//!                                   +------------------------+-- twist ---+
+//! vehicle -> encoders -> odometry -> localizer -> pose -> tracker -> command -> vehicle
+//!         -> pose sensor ----------------^                 ^            |
+//!                                                          +-- motion --+
 //! ```
 //!
 //! The tracker sees what a vehicle's computer would: encoders and a noisy pose, through a localizer if there is one, and its own
@@ -15,7 +15,7 @@ mod params;
 use crate::{Error, Odometer, PoseSensor, Vehicle, WheelEncoders};
 use agv_core::{
     compute::Seed,
-    geometry::{LieGroup, Se2, Twist2, UncertainPose, angle_difference},
+    geometry::{LieGroup, Se2, Twist2, angle_difference},
     kinematics::{Motion, MotionLimits},
     odometry::OdometryIncrement,
     path::Path,
@@ -27,14 +27,6 @@ pub use params::PathRunParams;
 
 /// A localizer that takes measured poses.
 pub type PoseLocalizer = dyn Correct<PoseObservation<Se2>, Pose = Se2>;
-
-/// What stands between the sensors and the tracker.
-pub struct Feedback<'a> {
-    /// Makes a pose of odometry and measured poses; without one the tracker gets the pose as it is measured.
-    pub localizer: Option<&'a mut PoseLocalizer>,
-    /// Time by which the pose is led, in seconds ([`VehicleState::leading`]): the vehicle's lag, or zero.
-    pub lead: f64,
-}
 
 /// One cycle of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -95,14 +87,15 @@ impl PathRun {
 }
 
 impl PathRunParams {
-    /// Lets `tracker` drive along `path`, from rest at its beginning.
+    /// Lets `tracker` drive along `path`, from rest at its beginning, with the pose that `localizer` makes of odometry and
+    /// measured poses; without one it gets each pose as it is measured.
     ///
     /// # Errors
     /// A path without two distinct poses, a parameter out of its range, or what tracker and localizer refuse.
     pub fn drive(
         &self,
         tracker: &mut dyn PathTracker,
-        feedback: Feedback<'_>,
+        localizer: Option<&mut PoseLocalizer>,
         path: &Path,
         seed: Seed,
     ) -> Result<PathRun, Error> {
@@ -112,15 +105,15 @@ impl PathRunParams {
         };
         tracker.set_path(path)?;
         let mut vehicle = Vehicle::new(self.vehicle, first.pose, seed)?;
-        let mut sensors = Sensors::new(self, feedback, seed)?;
+        let mut sensors = Sensors::new(self, localizer, seed)?;
         let mut cross_track = CrossTrack::new(path);
         let steers = self.limits.steering.is_some();
         let mut command = Motion { twist: Twist2::ZERO, steering: steers.then_some(0.0) };
         let mut run = PathRun { samples: Vec::new(), arrived: false, violations: 0, end_from_base: Se2::default() };
         let cycles = (self.timeout_for(path) / self.dt) as usize;
         for cycle in 0..cycles {
-            let (estimate, measured) = sensors.read(&vehicle)?;
-            let state = VehicleState::leading(estimate, &measured, &command, sensors.feedback.lead);
+            let estimate = sensors.read(&vehicle)?;
+            let state = VehicleState { map_from_base: estimate, twist: command.twist, steering: command.steering };
             let reply = tracker.command(&state, &self.limits, self.dt)?;
             run.violations += usize::from(!allowed(&self.limits, &command, &reply.motion, self.dt));
             command = reply.motion;
@@ -155,25 +148,22 @@ struct Sensors<'a> {
     encoders: WheelEncoders,
     odometer: Odometer,
     pose_sensor: PoseSensor,
-    feedback: Feedback<'a>,
+    localizer: Option<&'a mut PoseLocalizer>,
 }
 
 impl<'a> Sensors<'a> {
-    fn new(params: &PathRunParams, feedback: Feedback<'a>, seed: Seed) -> Result<Self, Error> {
-        agv_core::check::non_negative("lead", feedback.lead)?;
+    fn new(params: &PathRunParams, localizer: Option<&'a mut PoseLocalizer>, seed: Seed) -> Result<Self, Error> {
         let odometer = Odometer::new(&params.vehicle.drive, params.encoders.encoder, params.wheel_noise)?;
         let encoders = WheelEncoders::new(params.encoders, seed)?;
-        Ok(Self { encoders, odometer, pose_sensor: PoseSensor::new(params.pose_sensor, seed)?, feedback })
+        Ok(Self { encoders, odometer, pose_sensor: PoseSensor::new(params.pose_sensor, seed)?, localizer })
     }
 
-    /// Pose in the map, and the twist that the encoders saw since the last reading.
-    fn read(&mut self, vehicle: &Vehicle) -> Result<(Se2, Twist2), Error> {
+    /// Pose in the map.
+    fn read(&mut self, vehicle: &Vehicle) -> Result<Se2, Error> {
         let motion = self.odometer.update(&self.encoders.read(vehicle))?;
         let seen = self.pose_sensor.read(vehicle)?;
-        let twist = motion.map_or(Twist2::ZERO, |motion| twist_of(&motion));
-        let pose = seen.map_from_base();
-        let Some(localizer) = self.feedback.localizer.as_deref_mut() else { return Ok((*pose.mean(), twist)) };
-        Ok((localize(localizer, motion.as_ref(), &seen, &pose)?, twist))
+        let Some(localizer) = self.localizer.as_deref_mut() else { return Ok(*seen.map_from_base().mean()) };
+        Ok(localize(localizer, motion.as_ref(), &seen)?)
     }
 }
 
@@ -182,22 +172,15 @@ fn localize(
     localizer: &mut PoseLocalizer,
     motion: Option<&OdometryIncrement>,
     seen: &PoseObservation<Se2>,
-    pose: &UncertainPose<Se2>,
 ) -> Result<Se2, LocalizationError> {
     match motion {
         Some(motion) => {
             localizer.predict(motion)?;
             localizer.update(seen)?;
         }
-        None => localizer.initialize(&PoseBelief::Around(*pose))?,
+        None => localizer.initialize(&PoseBelief::Around(seen.map_from_base()))?,
     }
     localizer.estimate().map(|estimate| *estimate.map_from_base()).ok_or(LocalizationError::NotInitialized)
-}
-
-/// Mean twist of a motion.
-fn twist_of(motion: &OdometryIncrement) -> Twist2 {
-    let dt = motion.dt();
-    if dt > 0.0 { Twist2::from(motion.start_from_end.log() / dt) } else { Twist2::ZERO }
 }
 
 /// Whether a command may follow another, by the limits' own judgement and, where they are plain, by their numbers.
