@@ -8,6 +8,7 @@
 
 use crate::Error;
 use agv_core::{
+    check,
     geometry::Se2,
     grid::Costmap,
     kinematics::{Motion, MotionLimits},
@@ -108,10 +109,12 @@ impl Navigator {
 
     /// Plans from the present estimate to `goal` and follows the path from the next cycle on.
     ///
-    /// If there is no path, the old one is kept and the outcome says why there is none.
+    /// The vehicle arrives with the heading that the planner's path ends with, for a grid planner that of the goal. If there is no
+    /// path, the old one is kept and the outcome says why there is none.
     ///
     /// # Errors
-    /// [`LocalizationError::NotInitialized`] before [`start`](Self::start), and what the planner or the tracker refuses.
+    /// [`LocalizationError::NotInitialized`] before [`start`](Self::start), [`TrackError::NoPath`] for a goal where the vehicle
+    /// is already, and what else the planner or the tracker refuses; the old path is kept.
     pub fn go_to(&mut self, goal: &Se2) -> Result<PlanOutcome, Error> {
         let start = *self.known()?.map_from_base();
         let mut path = Path::new();
@@ -128,7 +131,7 @@ impl Navigator {
     /// `motion` is the velocity now, in the base frame, and the steering angle of a vehicle that steers.
     ///
     /// # Errors
-    /// What the localizer or the tracker refuses.
+    /// What the localizer or the tracker refuses. A motion or a `dt` that cannot be one changes nothing.
     pub fn cycle(
         &mut self,
         odometry: &OdometryIncrement,
@@ -136,6 +139,9 @@ impl Navigator {
         motion: Motion,
         dt: f64,
     ) -> Result<NavigationStep, Error> {
+        // Before the localizer moves.
+        VehicleState { steering: motion.steering, ..VehicleState::new(Se2::default(), motion.twist) }.validate()?;
+        check::positive("dt", dt)?;
         self.localizer.predict(odometry)?;
         let correction = scan.map(|scan| self.localizer.update(scan)).transpose()?;
         let estimate = self.known()?;

@@ -33,6 +33,7 @@ pub struct Footprint {
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(rename_all = "snake_case"))]
 enum Shape {
+    Point,
     Circle(f64),
     /// Circles on the x axis, in front and behind: where, and how large.
     TwoCircles([(f64, f64); 2]),
@@ -45,7 +46,7 @@ impl TryFrom<Shape> for Footprint {
 
     fn try_from(shape: Shape) -> Result<Self, Error> {
         match shape {
-            Shape::Circle(0.0) => Ok(Self::point()),
+            Shape::Point => Ok(Self::point()),
             Shape::Circle(radius) => Self::circle(radius),
             Shape::TwoCircles([front, rear]) => Self::two_circles(front.0, front.1, rear.0, rear.1),
             Shape::Segment([a, b]) => Self::segment(a, b),
@@ -75,7 +76,7 @@ impl Footprint {
 
     /// A point at the origin of the base frame, for costmaps that are inflated for the vehicle already.
     pub const fn point() -> Self {
-        Self { shape: Shape::Circle(0.0), convex: true, inscribed: 0.0, circumscribed: 0.0 }
+        Self { shape: Shape::Point, convex: true, inscribed: 0.0, circumscribed: 0.0 }
     }
 
     /// Two circles on the x axis, `front` metres ahead of the origin and `rear` metres ahead of it (negative behind), as
@@ -170,6 +171,7 @@ impl Footprint {
     /// The circles that it is made of, by their place on the x axis and their radius, in metres; none for a segment or polygon.
     pub fn circles(&self) -> impl Iterator<Item = (f64, f64)> + '_ {
         let circles = match self.shape {
+            Shape::Point => [Some((0.0, 0.0)), None],
             Shape::Circle(radius) => [Some((0.0, radius)), None],
             Shape::TwoCircles([front, rear]) => [Some(front), Some(rear)],
             Shape::Segment(_) | Shape::Polygon(_) => [None, None],
@@ -180,7 +182,7 @@ impl Footprint {
     /// The vertices of a polygon in the base frame, counter-clockwise, or the ends of a segment; none for circles.
     pub fn vertices(&self) -> Option<&[Vector2<f64>]> {
         match &self.shape {
-            Shape::Circle(_) | Shape::TwoCircles(_) => None,
+            Shape::Point | Shape::Circle(_) | Shape::TwoCircles(_) => None,
             Shape::Segment(ends) => Some(ends),
             Shape::Polygon(vertices) => Some(vertices),
         }
@@ -189,7 +191,7 @@ impl Footprint {
     /// Whether the footprint holds a point of the base frame; its outline belongs to it, up to rounding.
     pub fn contains(&self, point: &Vector2<f64>) -> bool {
         match &self.shape {
-            Shape::Circle(_) | Shape::TwoCircles(_) => {
+            Shape::Point | Shape::Circle(_) | Shape::TwoCircles(_) => {
                 self.circles().any(|(x, radius)| (point - Vector2::new(x, 0.0)).norm() <= radius)
             }
             Shape::Segment([a, b]) => distance_to_segment(*point, *a, *b) <= 1e-12 * self.circumscribed,
@@ -212,7 +214,7 @@ impl Footprint {
         // A hair against rounding: a point on a line between cells touches both.
         let margin = margin + 1e-9;
         match &self.shape {
-            Shape::Circle(_) | Shape::TwoCircles(_) => self.circles().any(|(x, radius)| {
+            Shape::Point | Shape::Circle(_) | Shape::TwoCircles(_) => self.circles().any(|(x, radius)| {
                 let center = layout.to_grid(&(*map_from_base * Vector2::new(x, 0.0)));
                 any_run_of_circle(&center, radius / layout.resolution(), margin, &mut hit)
             }),
