@@ -27,9 +27,13 @@ use agv_core::{
 #[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "State", into = "State"))]
 pub struct Pid {
-    state: State,
+    /// Numbers that are read at every call stand apart: two that are written one by one and read as a pair wait for the store.
+    integral: f64,
+    params: PidParams,
+    rate: f64,
     /// What depends on `dt` only.
     timing: Timing,
+    last: Option<Call>,
 }
 
 /// What a checkpoint holds.
@@ -55,7 +59,8 @@ struct Call {
 
 impl From<Pid> for State {
     fn from(pid: Pid) -> Self {
-        pid.state
+        let Pid { integral, params, rate, last, .. } = pid;
+        Self { params, integral, rate, last }
     }
 }
 
@@ -67,14 +72,16 @@ impl TryFrom<State> for Pid {
         if let Some(Call { set_point, measurement, output }) = &state.last {
             check::all_finite("PID state", [set_point, measurement, output])?;
         }
-        Ok(Self { state, ..Self::new(state.params)? })
+        let State { params, integral, rate, last } = state;
+        Ok(Self { integral, rate, last, ..Self::new(params)? })
     }
 }
 
 /// Equal controllers go on alike; what is kept of the last `dt` to save time does not count.
 impl PartialEq for Pid {
     fn eq(&self, other: &Self) -> bool {
-        self.state == other.state
+        let of = |pid: &Self| (pid.integral, pid.params, pid.rate, pid.last);
+        of(self) == of(other)
     }
 }
 
@@ -85,22 +92,22 @@ impl Pid {
     /// As [`PidParams::validate`].
     pub fn new(params: PidParams) -> Result<Self, Error> {
         params.validate()?;
-        Ok(Self { state: State { params, integral: 0.0, rate: 0.0, last: None }, timing: Timing::UNSET })
+        Ok(Self { integral: 0.0, params, rate: 0.0, timing: Timing::UNSET, last: None })
     }
 
     /// Gains and limits.
     pub const fn params(&self) -> &PidParams {
-        &self.state.params
+        &self.params
     }
 
     /// The integral term `Ki ∫e`, in the output's unit.
     pub const fn integral(&self) -> f64 {
-        self.state.integral
+        self.integral
     }
 
     /// The filtered derivative of the measurement, per second.
     pub const fn rate(&self) -> f64 {
-        self.state.rate
+        self.rate
     }
 
     /// Takes new gains and limits without a bump: the integral takes over what the other terms lose, so that the output
@@ -111,16 +118,15 @@ impl Pid {
     /// As [`PidParams::validate`]; the old ones are then kept.
     pub fn set_params(&mut self, params: PidParams) -> Result<(), Error> {
         params.validate()?;
-        let state = &self.state;
-        let integral = match state.last {
+        let integral = match self.last {
             _ if params.integral == 0.0 => 0.0,
             Some(last) => {
-                let direct = |params: &PidParams| direct(params, last.set_point, last.measurement, state.rate);
-                check::finite("integral", state.integral + (direct(&state.params) - direct(&params)))?
+                let direct = |params: &PidParams| direct(params, last.set_point, last.measurement, self.rate);
+                check::finite("integral", self.integral + (direct(&self.params) - direct(&params)))?
             }
-            None => state.integral,
+            None => self.integral,
         };
-        (self.state.params, self.state.integral, self.timing) = (params, integral, Timing::UNSET);
+        (self.params, self.integral, self.timing) = (params, integral, Timing::UNSET);
         Ok(())
     }
 
@@ -135,15 +141,15 @@ impl Pid {
         check::finite("set_point", set_point)?;
         check::finite("measurement", measurement)?;
         self.set_timing(dt)?;
-        let State { params, rate, last, .. } = &self.state;
+        let Self { params, rate, last, .. } = &*self;
         let rate = last.map_or(0.0, |last| self.timing.rate(*rate, measurement - last.measurement));
         let output = output.clamp(params.output_min, params.output_max);
         let integral = match params.integral {
             0.0 => 0.0,
             _ => check::finite("integral", output - direct(params, set_point, measurement, rate))?,
         };
-        let last = Some(Call { set_point, measurement, output });
-        self.state = State { integral, rate, last, ..self.state };
+        (self.integral, self.rate) = (integral, rate);
+        self.last = Some(Call { set_point, measurement, output });
         Ok(output)
     }
 
@@ -162,23 +168,23 @@ impl Pid {
         if dt != self.timing.dt {
             self.set_timing(dt)?;
         }
-        let (timing, state) = (&self.timing, &self.state);
-        let params = &state.params;
+        let Self { params, timing, .. } = &*self;
         // The first call changes nothing of a rate that is zero.
-        let rate = timing.rate(state.rate, measurement - state.last.map_or(measurement, |last| last.measurement));
+        let rate =
+            timing.rate(self.rate, measurement - self.last.as_ref().map_or(measurement, |last| last.measurement));
         let growth = timing.integral_step * (set_point - measurement);
-        let full = state.integral + growth;
+        let full = self.integral + growth;
         let wanted = full + (direct(params, set_point, measurement, rate) + feed_forward);
 
         let mut output = wanted;
-        if let (Some(last), true) = (state.last, timing.limits_rate) {
+        if let (Some(last), true) = (&self.last, timing.limits_rate) {
             output = at_most(at_least(output, last.output - timing.output_step), last.output + timing.output_step);
         }
         // The range comes last: it holds even where it was just narrowed.
         output = at_most(at_least(output, params.output_min), params.output_max);
         let excess = output - wanted;
         let integral = match params.anti_windup {
-            AntiWindup::Clamping if growth * excess < 0.0 => state.integral,
+            AntiWindup::Clamping if growth * excess < 0.0 => self.integral,
             AntiWindup::Clamping | AntiWindup::Off => full,
             AntiWindup::BackCalculation { .. } => full + excess * timing.tracking_share,
         };
@@ -186,14 +192,14 @@ impl Pid {
         if !(wanted.is_finite() && integral.is_finite()) {
             return Err(refusal(set_point, measurement, feed_forward, wanted));
         }
-        (self.state.integral, self.state.rate) = (integral, rate);
-        self.state.last = Some(Call { set_point, measurement, output });
+        (self.integral, self.rate) = (integral, rate);
+        self.last = Some(Call { set_point, measurement, output });
         Ok(output)
     }
 
     #[cold]
     fn set_timing(&mut self, dt: f64) -> Result<(), Error> {
-        self.timing = Timing::new(&self.state.params, dt)?;
+        self.timing = Timing::new(&self.params, dt)?;
         Ok(())
     }
 }
@@ -219,6 +225,6 @@ impl Controller for Pid {
     }
 
     fn reset(&mut self) {
-        self.state = State { integral: 0.0, rate: 0.0, last: None, ..self.state };
+        (self.integral, self.rate, self.last) = (0.0, 0.0, None);
     }
 }
