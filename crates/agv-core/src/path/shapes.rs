@@ -29,7 +29,7 @@ pub fn line(length: f64, spacing: f64) -> Result<Path, Error> {
 /// `y = offset (10 u³ - 15 u⁴ + 6 u⁵)` with `u = x / length`, the polynomial of least jerk (Flash and Hogan 1985).
 ///
 /// # Errors
-/// As [`line`], or an offset that is not finite.
+/// As [`line()`], or an offset that is not finite.
 pub fn s_curve(length: f64, offset: f64, spacing: f64) -> Result<Path, Error> {
     check::positive("length", length)?;
     check::finite("offset", offset)?;
