@@ -25,7 +25,7 @@ pub enum ScanForm {
     SumOfCubes,
 }
 
-/// Parameters of a [`LikelihoodFieldModel`].
+/// Parameters of a [`LikelihoodFieldModel`](super::LikelihoodFieldModel).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LikelihoodFieldModelParams {
