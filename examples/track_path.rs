@@ -292,13 +292,16 @@ impl Figures {
 fn report(args: &Args, rows: &[(TrackerName, PathName, Figures)]) -> Result<()> {
     let vehicle = args.vehicle.to_possible_value().map(|value| value.get_name().to_owned()).unwrap_or_default();
     if args.common.json || rows.len() == 1 {
-        for (tracker, path, figures) in rows {
+        let of = |(tracker, path, figures): &(TrackerName, PathName, Figures)| {
             let mut report = Report::new("Tracking a path");
             report.text("tracker", tracker.name()).text("path", path.name()).text("vehicle", vehicle.clone());
             figures.add_to(&mut report);
-            report.print(args.common.json)?;
-        }
-        return Ok(());
+            report
+        };
+        let mut reports: Vec<Report> = rows.iter().map(of).collect();
+        let mut all = Report::new("Tracking paths");
+        let report = if reports.len() == 1 { &reports.remove(0) } else { all.reports("runs", reports) };
+        return Ok(report.print(args.common.json)?);
     }
     println!("Tracking paths: {vehicle}, {} seed(s) from {}; errors in cm and degrees", args.seeds, args.common.seed);
     println!("  path   tracker        rmse   worst     max | end, cm   deg | m/s  rad/s  rad/s² | arrived  violations");

@@ -65,6 +65,7 @@ enum Figure {
     Flag(bool),
     Text(String),
     Numbers(Vec<f64>),
+    Reports(Vec<Report>),
 }
 
 /// The figures that an example ends with: a table for people, or one JSON object for programs.
@@ -106,6 +107,11 @@ impl Report {
     /// Adds several numbers that belong together: an array in JSON.
     pub fn numbers(&mut self, key: &str, values: &[f64]) -> &mut Self {
         self.put(key, Figure::Numbers(values.to_vec()))
+    }
+
+    /// Adds reports of the same kind: an array of objects in JSON, and their number in a table.
+    pub fn reports(&mut self, key: &str, reports: Vec<Self>) -> &mut Self {
+        self.put(key, Figure::Reports(reports))
     }
 
     fn put(&mut self, key: &str, figure: Figure) -> &mut Self {
@@ -160,6 +166,7 @@ impl Serialize for Report {
                 Figure::Flag(value) => map.serialize_entry(key, value)?,
                 Figure::Text(value) => map.serialize_entry(key, value)?,
                 Figure::Numbers(values) => map.serialize_entry(key, values)?,
+                Figure::Reports(reports) => map.serialize_entry(key, reports)?,
             }
         }
         map.end()
@@ -198,6 +205,7 @@ fn show(figure: &Figure) -> String {
         Figure::Count(value) => value.to_string(),
         Figure::Flag(value) => if *value { "yes" } else { "no" }.into(),
         Figure::Text(value) => value.clone(),
+        Figure::Reports(reports) => reports.len().to_string(),
         Figure::Numbers(values) => {
             values.iter().map(|value| show(&Figure::Number(*value))).collect::<Vec<_>>().join(", ")
         }
