@@ -1,4 +1,4 @@
-//! Rays of 10 m: skipping free space, cell by cell, and a textbook traversal beside them in the same run.
+//! Rays of 10 m: skipping free space, exact along the cells, and a textbook traversal beside them in the same run.
 //!
 //! `scan` casts 60 beams from each of 400 poses through the scan interface, `rays` single rays of random origin and
 //! direction, sine and cosine included. The `naive` figure tells how fast the machine is at the moment.

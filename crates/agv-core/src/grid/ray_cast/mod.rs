@@ -150,7 +150,7 @@ impl RayCaster {
         self.run(&ray, Some(self.wedges.of(&ray)))
     }
 
-    /// As [`cast`](Self::cast), cell by cell.
+    /// As [`cast`](Self::cast), along the cells, eight columns at a look.
     #[inline]
     pub fn cast_exact(&self, origin: &Vector2<f64>, angle: f64, max_range: f64) -> Option<RayHit> {
         let ray = self.ray(origin, angle, max_range)?;
