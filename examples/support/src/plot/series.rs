@@ -71,6 +71,17 @@ impl TimeSeries {
     }
 }
 
+/// A number at a tick: no digits that say nothing (`1000`, not `1000.0`), no minus before a zero.
+fn tick_label(value: f64) -> String {
+    let text = format!("{value:.6}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    match text {
+        "0" | "-0" if value.abs() >= 1e-12 => format!("{value:e}"),
+        "-0" => "0".to_owned(),
+        _ => text.to_owned(),
+    }
+}
+
 impl Picture for TimeSeries {
     fn size(&self) -> (u32, u32) {
         (1000, 420)
@@ -84,12 +95,15 @@ impl Picture for TimeSeries {
     ) -> Result<(), String> {
         let text_of = |error: &dyn std::fmt::Display| error.to_string();
         let font = |size: u32| ("sans-serif", size * scale).into_font();
+        let label = |value: &f64| tick_label(*value);
         area.fill(&WHITE).map_err(|error| text_of(&error))?;
         let ((x0, x1), (y0, y1)) = (self.span(|p| p.0), self.span(|p| p.1));
         let room = 0.06 * (y1 - y0);
         let mut chart = ChartBuilder::on(area)
             .caption(&self.title, font(18))
             .margin(12 * scale)
+            // The last label is centred on the end of its axis.
+            .margin_right(28 * scale)
             .x_label_area_size(42 * scale)
             .y_label_area_size(64 * scale)
             .build_cartesian_2d(x0..x1, y0 - room..y1 + room)
@@ -98,6 +112,8 @@ impl Picture for TimeSeries {
             .configure_mesh()
             .x_desc(&self.axes[0])
             .y_desc(&self.axes[1])
+            .x_label_formatter(&label)
+            .y_label_formatter(&label)
             .label_style(font(13))
             .light_line_style(WHITE)
             .bold_line_style(Color::Grey.rgb().mix(0.25))
@@ -132,6 +148,14 @@ impl Picture for TimeSeries {
 mod tests {
     use super::*;
     use crate::testing::Scratch;
+
+    #[test]
+    fn ticks_say_no_more_than_they_must() {
+        let ticks = [(1000.0, "1000"), (0.25, "0.25"), (-0.0, "0"), (-1e-17, "0"), (0.1 + 0.2, "0.3"), (2e-8, "2e-8")];
+        for (value, label) in ticks {
+            assert_eq!(tick_label(value), label);
+        }
+    }
 
     #[test]
     fn curves_are_drawn_and_odd_values_do_no_harm() {
