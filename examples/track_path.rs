@@ -175,15 +175,8 @@ impl TrackerName {
             }
             Self::Pid => Box::new(PidTracker::new(PidTrackerParams { follower, ..PidTrackerParams::default() })?),
             Self::Stanley => Box::new(Stanley::new(StanleyParams { follower, ..StanleyParams::default() })?),
-            // Their own filter learns the slip.
-            Self::Lqr => {
-                let follower = FollowerParams { max_yaw_slip: 0.0, ..follower };
-                Box::new(Lqr::new(LqrParams { follower, ..LqrParams::default() })?)
-            }
-            Self::Mpc => {
-                let follower = FollowerParams { max_yaw_slip: 0.0, ..follower };
-                Box::new(Mpc::new(MpcParams { follower, ..MpcParams::default() })?)
-            }
+            Self::Lqr => Box::new(Lqr::new(LqrParams { follower, ..LqrParams::default() })?),
+            Self::Mpc => Box::new(Mpc::new(MpcParams { follower, ..MpcParams::default() })?),
         })
     }
 

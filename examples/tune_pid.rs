@@ -77,6 +77,19 @@ impl Args {
         self.seeds.unwrap_or(if moves { 1 } else { 20 })
     }
 
+    /// Refuses what a plant does not offer: a report must not name a method that did not run.
+    fn check(&self) -> Result<()> {
+        let offered: &[Method] = match self.plant {
+            Plant::P1 | Plant::P2 | Plant::P3 | Plant::Random => return Ok(()),
+            Plant::Peaks => &[Method::Improved, Method::Paper],
+            Plant::Load => &[Method::Improved],
+        };
+        if offered.contains(&self.method) {
+            return Ok(());
+        }
+        Err(format!("--plant {} does not offer --method {}", name_of(&self.plant), name_of(&self.method)).into())
+    }
+
     fn budget(&self) -> usize {
         usize::from(self.particles) * usize::from(self.iterations)
     }
@@ -87,6 +100,7 @@ type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 fn main() -> ExitCode {
     let args = Args::parse();
     agv_support::run(|| {
+        args.check()?;
         let out = args.common.out_folder("tune_pid")?;
         let mut report = Report::new("Tuning");
         report.text("plant", name_of(&args.plant)).text("method", name_of(&args.method));

@@ -1,16 +1,20 @@
 //! A vehicle whose load changes while it drives: its speed controller is tuned on, a few evaluations in every cycle.
+//!
+//! The vehicle is a [`DrivePlant`] with dry friction, driven by a [`Pid`] that takes each proposal without a bump. The tuner's
+//! model is linear and has no friction; it knows the load, as from the scale of the fork.
 
 use super::{Args, Result, stand_in::median};
 use agv_nav::{
     control::{
         Objective,
         optimize::SearchSpace,
-        plant::DriveParams,
+        pid::{Pid, PidParams},
+        plant::{DriveParams, DrivePlant, Plant},
         pso::SwarmParams,
-        step_response::StepTestParams,
+        step_response::{PidGains, StepTestParams},
         tune::{OnlineTuner, OnlineTunerParams, StepCost, StepCostParams, gain_space, tune_pid},
     },
-    core::compute::Seed,
+    core::{compute::Seed, roles::Controller},
 };
 use agv_support::{
     cli::Report,
@@ -23,6 +27,11 @@ use std::path::Path;
 /// How often the load changes, and control cycles between two changes: two seconds at 100 Hz.
 const CHANGES: usize = 40;
 const CYCLES: usize = 200;
+const DT: f64 = 0.01;
+
+/// Speeds that are asked for in turn, in m/s, for as many cycles each: a step after each change of the load, and three more.
+const SPEEDS: [f64; 4] = [1.0, 0.6, 1.2, 0.8];
+const HOLD: usize = CYCLES / SPEEDS.len();
 
 /// Greatest gains: V per m/s, per m, per m/s².
 const GREATEST: [f64; 3] = [500.0, 2000.0, 50.0];
@@ -42,9 +51,9 @@ pub(crate) fn run(args: &Args, out: &Path, report: &mut Report) -> Result<()> {
     let without = OnlineTunerParams { swarm: SwarmParams { sensing: None, ..with.swarm }, ..with };
 
     let mut timings = Timings::default();
-    let tuned = drive(args, &stages, &start, with, &mut timings)?;
-    let blind = drive(args, &stages, &start, without, &mut Timings::default())?;
-    let fixed: Vec<f64> = stages.iter().flat_map(|s| vec![s.cost.evaluate(&start) / s.best; CYCLES]).collect();
+    let tuned = drive(args, &stages, &start, Some(with), &mut timings)?;
+    let blind = drive(args, &stages, &start, Some(without), &mut Timings::default())?;
+    let fixed = drive(args, &stages, &start, None, &mut Timings::default())?;
 
     // Costs are parts of the best that is known for the load of the moment.
     let ends: Vec<f64> = tuned.ratios.iter().skip(CYCLES - 1).step_by(CYCLES).copied().collect();
@@ -62,9 +71,12 @@ pub(crate) fn run(args: &Args, out: &Path, report: &mut Report) -> Result<()> {
         .number("cycles_to_success_median", median(tuned.ratios.chunks(CYCLES).filter_map(within)))
         .number("cost_ratio_mean", mean(&tuned.ratios))
         .number("cost_ratio_mean_without_sensing", mean(&blind.ratios))
-        .number("cost_ratio_mean_fixed_gains", mean(&fixed))
+        .number("cost_ratio_mean_fixed_gains", mean(&fixed.ratios))
+        .number("speed_error_mean_m_s", mean(&tuned.errors))
+        .number("speed_error_mean_m_s_without_sensing", mean(&blind.errors))
+        .number("speed_error_mean_m_s_fixed_gains", mean(&fixed.errors))
         .number("cycle_ms_p99", timings.milliseconds(99.0));
-    draw(out, &stages, &tuned.ratios, &blind.ratios)
+    draw(out, &stages, &tuned, &fixed, &blind)
 }
 
 /// The loads: empty at first, then anything up to 800 kg.
@@ -87,6 +99,9 @@ fn stages(args: &Args) -> Result<Vec<Stage>> {
 struct Drive {
     /// Cost of the gains in use in every cycle, as a part of the best.
     ratios: Vec<f64>,
+    /// Speed of the vehicle in every cycle, in m/s, and its distance from what was asked for.
+    speeds: Vec<f64>,
+    errors: Vec<f64>,
     evaluations: usize,
     noticed: usize,
     gains: Vec<f64>,
@@ -95,35 +110,67 @@ struct Drive {
 fn drive(
     args: &Args,
     stages: &[Stage],
-    start: &[f64],
-    params: OnlineTunerParams,
+    start: &[f64; 3],
+    params: Option<OnlineTunerParams>,
     timings: &mut Timings,
 ) -> Result<Drive> {
     let space: SearchSpace = gain_space(GREATEST.into())?;
-    let mut tuner = OnlineTuner::new(space, start, params, args.common.seed())?;
-    let mut ratios = Vec::new();
+    let mut tuner = OnlineTuner::new(space, start, params.unwrap_or_default(), args.common.seed())?;
+    let mut pid = Pid::new(speed_controller((*start).into()))?;
+    let mut vehicle = DrivePlant::new(DriveParams::default())?;
+    let (mut ratios, mut speeds, mut errors) = (Vec::new(), Vec::new(), Vec::new());
     for stage in stages {
-        for _ in 0..CYCLES {
-            timings.time(|| tuner.cycle(&stage.cost).map(|_| ()))?;
+        vehicle.set_load(stage.load)?;
+        for cycle in 0..CYCLES {
+            if params.is_some() && timings.time(|| tuner.cycle(&stage.cost).map(|proposal| proposal.moved))? {
+                pid.set_params(speed_controller(<[f64; 3]>::try_from(tuner.values())?.into()))?;
+            }
             ratios.push(stage.cost.evaluate(tuner.values()) / stage.best);
+            let asked = SPEEDS[cycle / HOLD];
+            let voltage = pid.update(asked, vehicle.output(), DT)?;
+            let speed = vehicle.step(voltage, DT)?;
+            speeds.push(speed);
+            errors.push((asked - speed).abs());
         }
     }
     let gains = tuner.values().to_vec();
-    Ok(Drive { ratios, evaluations: tuner.search().evaluations(), noticed: tuner.changes(), gains })
+    Ok(Drive { ratios, speeds, errors, evaluations: tuner.search().evaluations(), noticed: tuner.changes(), gains })
 }
 
-fn draw(out: &Path, stages: &[Stage], tuned: &[f64], blind: &[f64]) -> Result<()> {
+/// The controller that the vehicle runs: gains, the model's filter, and the supply's limits.
+fn speed_controller(gains: PidGains) -> PidParams {
+    let supply = DriveParams::default().supply;
+    PidParams {
+        proportional: gains.proportional,
+        integral: gains.integral,
+        derivative: gains.derivative,
+        filter_time: StepTestParams::default().filter_time,
+        output_min: -supply,
+        output_max: supply,
+        ..PidParams::default()
+    }
+}
+
+fn draw(out: &Path, stages: &[Stage], tuned: &Drive, fixed: &Drive, blind: &Drive) -> Result<()> {
     let shown = 10 * CYCLES;
     let curve = |ratios: &[f64]| {
-        ratios.iter().take(shown).enumerate().map(|(k, ratio)| (k as f64 * 0.01, ratio.log10())).collect::<Vec<_>>()
+        ratios.iter().take(shown).enumerate().map(|(k, ratio)| (k as f64 * DT, ratio.log10())).collect::<Vec<_>>()
     };
     TimeSeries::new("Speed control under changing load: cost of the gains in use", "time [s]", "log10 of cost / best")
-        .curve("tuned without sensitive particles", Color::Orange, curve(blind))
-        .curve("tuned with sensitive particles", Color::Blue, curve(tuned))
+        .curve("tuned without sensitive particles", Color::Orange, curve(&blind.ratios))
+        .curve("tuned with sensitive particles", Color::Blue, curve(&tuned.ratios))
         .write(out.join("load_cost.png"))?;
+    let over_time = |speeds: &[f64]| {
+        speeds.iter().take(5 * CYCLES).enumerate().map(|(k, speed)| (k as f64 * DT, *speed)).collect::<Vec<_>>()
+    };
+    TimeSeries::new("Speed control under changing load", "time [s]", "speed [m/s]")
+        .curve("asked for", Color::Grey, (0..5 * CYCLES).map(|k| (k as f64 * DT, SPEEDS[k % CYCLES / HOLD])))
+        .curve("gains of the empty vehicle", Color::Orange, over_time(&fixed.speeds))
+        .curve("tuned while it drives", Color::Blue, over_time(&tuned.speeds))
+        .write(out.join("load_speed.png"))?;
     let loads = stages.iter().enumerate().take(10).flat_map(|(k, stage)| [(k, stage.load), (k + 1, stage.load)]);
     TimeSeries::new("Load", "time [s]", "load [kg]")
-        .curve("", Color::Blue, loads.map(|(k, load)| ((k * CYCLES) as f64 * 0.01, load)))
+        .curve("", Color::Blue, loads.map(|(k, load)| ((k * CYCLES) as f64 * DT, load)))
         .write(out.join("load_load.png"))?;
     Ok(())
 }

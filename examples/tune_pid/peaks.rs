@@ -30,9 +30,8 @@ struct Track {
 }
 
 pub(crate) fn run(args: &Args, out: &Path, report: &mut Report) -> Result<()> {
-    let method = if args.method == Method::Paper { Method::Paper } else { Method::Improved };
-    let Some(params) = method.swarm(args) else { return Ok(()) };
-    let sensing = if method == Method::Paper { Sensing::paper() } else { Sensing::frugal() };
+    let Some(params) = args.method.swarm(args) else { return Ok(()) };
+    let sensing = if args.method == Method::Paper { Sensing::paper() } else { Sensing::frugal() };
     let mut timings = Timings::default();
     let with = timings.time(|| follow(args, SwarmParams { sensing: Some(sensing), ..params }))?;
     let without = follow(args, params)?;

@@ -8,7 +8,7 @@ use super::{
 use agv_nav::{
     control::{
         optimize::{History, Outcome},
-        pid::{AntiWindup, Pid, PidParams},
+        pid::Pid,
         plant::{ActuatorLimits, LinearPlant, StandIn, TransferFunction},
         step_response::{
             PidGains, StepMetrics, StepMetricsParams, StepResponse, StepTest, StepTestParams, simulate_step,
@@ -192,14 +192,7 @@ fn draw(
 /// The step response of some gains, by the controller that a vehicle would run.
 fn respond(problem: &Problem, gains: &[f64]) -> Result<(StepResponse, StepMetrics)> {
     let (test, gains) = (problem.test.params(), PidGains::from([gains[0], gains[1], gains[2]]));
-    let mut pid = Pid::new(PidParams {
-        proportional: gains.proportional,
-        integral: gains.integral,
-        derivative: gains.derivative,
-        filter_time: test.filter_time,
-        anti_windup: AntiWindup::Off,
-        ..PidParams::default()
-    })?;
+    let mut pid = Pid::new(problem.test.controller(gains))?;
     let mut response = StepResponse::default();
     simulate_step(&mut problem.plant.clone(), &mut pid, test.set_point, test.dt, test.horizon, &mut response)?;
     let metrics = response.metrics(StepMetricsParams::default())?;

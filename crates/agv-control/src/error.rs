@@ -18,6 +18,9 @@ pub enum Error {
     /// No stand-in plant has this name.
     #[error("no such plant: p1, p2, p3 or load")]
     NoSuchPlant,
+    /// The tracker's model follows the direction of the path: a vehicle that faces elsewhere is beyond it.
+    #[error("this tracker faces along the path only")]
+    FacingNotSupported,
     /// Numbers left their range: the plant is unstable, or its coefficients are too far apart.
     #[error("{name} left the range of numbers")]
     Overflow {

@@ -1,7 +1,8 @@
 //! How trackers come back to a path and stop at its end, against the linearised laws.
 
 use agv_control::track::{
-    Facing, FollowerParams, PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams, Stanley, StanleyParams,
+    Facing, FollowerParams, Lqr, LqrParams, PidTracker, PidTrackerParams, PurePursuit, PurePursuitParams, Stanley,
+    StanleyParams,
 };
 use agv_core::{
     geometry::{Se2, Twist2, wrap_angle},
@@ -131,7 +132,9 @@ fn an_omnidirectional_vehicle_faces_as_the_path_says() {
         path.push(PathPoint { pose: Se2::new(x, y, yaw), gear: Gear::Forward }).unwrap();
     }
     let follower = FollowerParams { facing: Facing::Path, response_time: 0.0, ..FollowerParams::default() };
-    for (name, mut tracker) in trackers(follower) {
+    let lqr = Lqr::new(LqrParams { follower, ..LqrParams::default() }).unwrap();
+    let all = trackers(follower).into_iter().chain([("lqr", Box::new(lqr) as Box<dyn PathTracker>)]);
+    for (name, mut tracker) in all {
         tracker.set_path(&path).unwrap();
         let mut state = VehicleState::new(Se2::new(0.0, 0.1, 0.5), Twist2::ZERO);
         let (mut arrived, mut worst) = (false, 0.0_f64);

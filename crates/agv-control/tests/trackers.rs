@@ -73,6 +73,39 @@ fn trackers_obey_the_laws_of_their_role() {
     }
 }
 
+/// Numbers near the end of their range may be refused, but neither panic nor leave anything behind: the next drive is as ever.
+#[test]
+fn absurd_states_leave_no_trace() {
+    let limits = MotionLimits::default();
+    let absurd = [1e160, 1e300, f64::MAX].map(|x| {
+        [(x, 0.0, 0.0), (0.0, x, 0.0), (0.0, 0.0, x), (-x, 0.0, -x)].map(|(vx, vy, w)| Twist2::new(vx, vy, w))
+    });
+    for (name, mut tracker) in trackers() {
+        let path = gentle();
+        for dt in [0.05, 1e300] {
+            for twist in absurd.iter().flatten() {
+                tracker.set_path(&path).unwrap();
+                for place in [Se2::new(-1.0, 0.0, 0.0), Se2::new(1e150, 0.0, 1.0)] {
+                    if let Ok(command) = tracker.command(&VehicleState::new(place, *twist), &limits, dt) {
+                        assert!(command.motion.is_finite(), "{name}: {twist:?}");
+                    }
+                }
+            }
+        }
+        tracker.set_path(&path).unwrap();
+        let mut state = VehicleState::new(path.points()[0].pose, Twist2::ZERO);
+        // Long enough that the drives have come to rest, by any lag.
+        tracker.command(&state, &limits, 1e4).unwrap();
+        let arrived = (0..2000).any(|_| {
+            let command = tracker.command(&state, &limits, 0.02).unwrap();
+            assert!(command.cross_track_error.abs() < 0.05, "{name}: {command:?}");
+            state = state.after(&command.motion, 0.02);
+            command.status == TrackStatus::Arrived
+        });
+        assert!(arrived, "{name}: {state:?}");
+    }
+}
+
 #[test]
 fn a_vehicle_that_cannot_turn_on_the_spot_says_so() {
     let mut path = path(&[(0.0, 0.0), (2.0, 0.0)]);

@@ -7,7 +7,8 @@ use agv_core::{Error, check, compute::Par};
 /// An optimiser at work in a space of the user's units.
 ///
 /// [`run`](Self::run) goes on until it must stop. [`advance`](Self::advance) spends a few evaluations at a time, which is
-/// how a controller is tuned while its vehicle drives. After the first generation neither allocates. A checkpoint keeps whole
+/// how a controller is tuned while its vehicle drives. After the first generation neither allocates,
+/// but for the outcome's point and for CMA-ES when it starts anew with more samples. A checkpoint keeps whole
 /// generations: one that was begun is evaluated again.
 #[derive(Debug, Clone)]
 #[cfg_attr(

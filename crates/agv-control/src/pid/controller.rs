@@ -27,9 +27,8 @@ use agv_core::{
 #[derive(Debug, Clone)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "State", into = "State"))]
 pub struct Pid {
-    /// Numbers that are read at every call stand apart: two that are written one by one and read as a pair wait for the store.
-    integral: f64,
     params: PidParams,
+    integral: f64,
     rate: f64,
     /// What depends on `dt` only.
     timing: Timing,
@@ -92,7 +91,7 @@ impl Pid {
     /// As [`PidParams::validate`].
     pub fn new(params: PidParams) -> Result<Self, Error> {
         params.validate()?;
-        Ok(Self { integral: 0.0, params, rate: 0.0, timing: Timing::UNSET, last: None })
+        Ok(Self { params, integral: 0.0, rate: 0.0, timing: Timing::UNSET, last: None })
     }
 
     /// Gains and limits.

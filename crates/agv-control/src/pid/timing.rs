@@ -11,6 +11,8 @@ pub(super) struct Timing {
     /// `Tf / (Tf + dt)` and `1 / (Tf + dt)`: backward Euler of `Tf d' + d = y'`.
     filter_decay: f64,
     filter_slope: f64,
+    /// Whether there is a filter.
+    filters: bool,
     /// `Ki dt`.
     pub(super) integral_step: f64,
     /// Whether the change of the output is limited, and how far.
@@ -25,6 +27,7 @@ impl Timing {
         dt: 0.0,
         filter_decay: 0.0,
         filter_slope: 0.0,
+        filters: false,
         integral_step: 0.0,
         limits_rate: false,
         output_step: 0.0,
@@ -38,6 +41,7 @@ impl Timing {
             dt,
             filter_decay: params.filter_time * filter_slope,
             filter_slope,
+            filters: params.filter_time > 0.0,
             integral_step: params.integral * dt,
             limits_rate: params.output_rate < f64::MAX,
             output_step: params.output_rate * dt,
@@ -51,6 +55,8 @@ impl Timing {
     /// The filtered derivative after a change of the measurement.
     #[inline]
     pub(super) fn rate(&self, last: f64, change: f64) -> f64 {
-        self.filter_decay * last + self.filter_slope * change
+        let fresh = self.filter_slope * change;
+        // Without a filter the last rate does not count, and nothing has to wait for it.
+        if self.filters { self.filter_decay * last + fresh } else { fresh }
     }
 }

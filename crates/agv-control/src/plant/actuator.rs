@@ -3,7 +3,7 @@
 use crate::Error;
 use agv_core::check;
 
-/// What an actuator can do with a command: it is clamped to a range, and its change to a rate.
+/// What an actuator can do with a command: its change is limited to a rate, and its value to a range.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct ActuatorLimits {
@@ -46,12 +46,12 @@ impl ActuatorLimits {
     }
 }
 
-/// Clamps `command` to the range, then its change from `last` to `step`; what is not a number stays so. In the form
-/// that compiles to one instruction a bound.
+/// Limits the change of `command` from `last` to `step`, then clamps it to the range, which holds even where it was just
+/// narrowed; what is not a number stays so. In the form that compiles to one instruction a bound.
 #[inline]
 pub(crate) fn limit(command: f64, last: f64, min: f64, max: f64, step: f64) -> f64 {
-    let ranged = at_most(at_least(command, min), max);
-    at_most(at_least(ranged, last - step), last + step)
+    let slewed = at_most(at_least(command, last - step), last + step);
+    at_most(at_least(slewed, min), max)
 }
 
 #[inline]

@@ -128,7 +128,8 @@ impl Plant for CrossTrackPlant {
             + 8.0 * heading(0.5 * dt).sin())
             / 18.0;
         let (distance, heading) = (self.distance + speed * dt * mean, heading(dt));
-        if curvature * distance >= 1.0 || !distance.is_finite() || !heading.is_finite() {
+        check::in_range("curvature * distance", curvature * distance, -f64::MAX, 1.0 - f64::EPSILON)?;
+        if !distance.is_finite() || !heading.is_finite() {
             return Err(Error::Overflow { name: "distance beside the path" });
         }
         self.yaw_rate = command + if yaw_lag > 0.0 { lead * (-dt / yaw_lag).exp() } else { 0.0 };

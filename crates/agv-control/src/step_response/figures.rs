@@ -60,6 +60,29 @@ impl From<Sums<f64>> for StepFigures {
     }
 }
 
+/// Sums of the errors `e_k` at `t_k = k dt`, `k` from one on.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct ErrorSums {
+    pub(super) iae: f64,
+    pub(super) ise: f64,
+    pub(super) itae: f64,
+    pub(super) itse: f64,
+}
+
+impl ErrorSums {
+    pub(super) fn of(errors: impl Iterator<Item = f64>, dt: f64) -> Self {
+        let mut sums = Self::default();
+        for (k, e) in errors.enumerate() {
+            let t = (k as f64 + 1.0) * dt;
+            sums.iae += e.abs() * dt;
+            sums.ise += e * e * dt;
+            sums.itae += t * e.abs() * dt;
+            sums.itse += t * e * e * dt;
+        }
+        sums
+    }
+}
+
 /// The cost, or infinity if the loop diverged. Below the bound no intermediate value is near the end of the numbers, so
 /// that lanes and single runs agree.
 pub(super) fn finite_or_infinite(cost: f64) -> f64 {

@@ -1,5 +1,6 @@
 //! What engineers read off a step response.
 
+use super::figures::ErrorSums;
 use crate::Error;
 use agv_core::check;
 
@@ -73,6 +74,7 @@ impl StepMetrics {
         }
         let share = |y: f64| (y - start) / step;
 
+        let ErrorSums { iae, ise, itae, itse } = ErrorSums::of(outputs.iter().skip(1).map(|y| set_point - y), dt);
         let mut metrics = Self {
             rise_time: None,
             settling_time: None,
@@ -80,19 +82,14 @@ impl StepMetrics {
             peak: start,
             peak_time: 0.0,
             steady_state_error: None,
-            iae: 0.0,
-            ise: 0.0,
-            itae: 0.0,
-            itse: 0.0,
+            iae,
+            ise,
+            itae,
+            itse,
         };
         for (k, &y) in outputs.iter().enumerate().skip(1) {
-            let (t, e) = (k as f64 * dt, set_point - y);
-            metrics.iae += e.abs() * dt;
-            metrics.ise += e * e * dt;
-            metrics.itae += t * e.abs() * dt;
-            metrics.itse += t * e * e * dt;
             if share(y) > share(metrics.peak) {
-                (metrics.peak, metrics.peak_time) = (y, t);
+                (metrics.peak, metrics.peak_time) = (y, k as f64 * dt);
             }
         }
         metrics.overshoot = (share(metrics.peak) - 1.0).max(0.0);

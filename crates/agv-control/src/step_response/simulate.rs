@@ -1,5 +1,6 @@
 //! A closed loop in time, of any controller and any plant.
 
+use super::figures::{ErrorSums, finite_or_infinite};
 use super::{StepFigures, StepMetrics, StepMetricsParams};
 use crate::{Error, plant::Plant};
 use agv_core::{
@@ -38,16 +39,22 @@ impl StepResponse {
         if self.diverged {
             return StepFigures::DIVERGED;
         }
-        let (mut figures, mut last) = (StepFigures::default(), 0.0);
-        for (k, y) in self.outputs.iter().enumerate().skip(1) {
-            let (t, e) = (k as f64 * self.dt, self.set_point - y);
-            figures.iae += e.abs() * self.dt;
-            figures.ise += e * e * self.dt;
-            figures.itae += t * e.abs() * self.dt;
-            figures.itse += t * e * e * self.dt;
-            figures.overshoot = figures.overshoot.max(if self.set_point < 0.0 { e } else { -e });
-            figures.final_error = e.abs();
+        let errors = || self.outputs.iter().skip(1).map(|y| self.set_point - y);
+        let ErrorSums { iae, ise, itae, itse } = ErrorSums::of(errors(), self.dt);
+        if finite_or_infinite(itae) == f64::INFINITY {
+            return StepFigures::DIVERGED;
         }
+        let beyond = errors().map(|e| if self.set_point < 0.0 { e } else { -e });
+        let mut figures = StepFigures {
+            iae,
+            ise,
+            itae,
+            itse,
+            overshoot: beyond.fold(0.0, f64::max),
+            final_error: errors().next_back().map_or(0.0, f64::abs),
+            ..StepFigures::default()
+        };
+        let mut last = 0.0;
         for u in &self.inputs {
             figures.control_energy += u * u * self.dt;
             figures.control_travel += (u - last).abs();

@@ -1,10 +1,13 @@
 //! The vehicle relative to its course, as the optimal trackers see it: by the filtered pose, not the measured one.
 
-use super::{course::Course, follower::in_gear, observer::Observer, steering::SteeringInput};
+use super::{
+    course::Course,
+    follower::{in_gear, leading_end},
+    observer::Observer,
+    steering::SteeringInput,
+};
 use agv_core::{
-    geometry::{LieGroup, So2, Twist2},
-    kinematics::stopping_speed,
-    path::Gear,
+    geometry::{LieGroup, Twist2},
     roles::TrackError,
 };
 
@@ -27,14 +30,10 @@ pub(super) struct TrackingErrors {
 const NEAR: f64 = 0.25;
 
 impl TrackingErrors {
-    /// Updates the observer by the state, and projects what it says.
-    pub(super) fn of(observer: &mut Observer, input: &SteeringInput<'_>) -> Result<Self, TrackError> {
-        let (pose, motion) = observer.update(&input.state, input.dt);
-        let rotation = pose.rotation();
-        let heading = match input.gear {
-            Gear::Forward => rotation,
-            Gear::Reverse => rotation.compose(&So2::from_direction(-1.0, 0.0)),
-        };
+    /// Projects what an observer, which has seen the state, says.
+    pub(super) fn of(observer: &Observer, input: &SteeringInput<'_>) -> Result<Self, TrackError> {
+        let (pose, motion) = observer.estimate();
+        let heading = leading_end(pose.rotation(), input.gear);
         let measured = input.projection.arc_length;
         let mut arc_length = measured;
         let mut cross_track = 0.0;
@@ -44,11 +43,10 @@ impl TrackingErrors {
             arc_length = (arc_length + offset.x).clamp(measured - NEAR, measured + NEAR);
             cross_track = offset.y;
         }
-        let direction = input.course.direction_at(arc_length).ok_or(TrackError::NoPath)?;
         Ok(Self {
             arc_length,
             cross_track,
-            heading: direction.inverse().compose(&heading).angle(),
+            heading: input.course.angle_from(arc_length, heading).ok_or(TrackError::NoPath)?,
             actual: in_gear(&motion.twist, input.gear),
             steering: motion.steering,
             slip: observer.slip(),
@@ -61,22 +59,15 @@ pub(super) fn curvature(course: &Course, arc_length: f64) -> f64 {
     if arc_length > course.section_end() { 0.0 } else { course.curvature_at(arc_length) }
 }
 
-/// Greatest speed at a place of the present section: bends ahead, the stop at its end, and what the gear allows.
-pub(super) fn planned_speed(input: &SteeringInput<'_>, arc_length: f64, reaction: f64) -> f64 {
-    let twist = &input.limits.twist;
-    let top = if input.gear == Gear::Forward { twist.forward_speed } else { twist.reverse_speed };
-    let to_stop = input.course.section_end() - arc_length;
-    input.profile.speed_at(arc_length).min(top).min(stopping_speed(to_stop, twist.deceleration, reaction))
-}
-
 /// The twist that the vehicle can reach in this cycle which has the speed nearest to a wanted one, and then the turn rate.
 ///
 /// The follower would keep the curvature of one that is out of reach; a feedback wants the turn rate kept.
 pub(super) fn reachable(input: &SteeringInput<'_>, speed: f64, yaw_rate: f64) -> Twist2 {
     let (limits, now, dt) = (input.limits, input.twist, input.dt);
     let vx = reachable_speed(input, speed);
-    if limits.steering.is_some() {
-        return Twist2::new(vx, 0.0, yaw_rate);
+    if let Some(steering) = &limits.steering {
+        let most = steering.max_curvature() * vx.abs();
+        return Twist2::new(vx, 0.0, yaw_rate.max(-most).min(most));
     }
     let change = limits.twist.yaw_acceleration * dt;
     let sideways = limits.lateral_acceleration.map_or(f64::INFINITY, |a| a / vx.abs());

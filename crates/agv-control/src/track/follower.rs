@@ -46,9 +46,9 @@ pub struct FollowerParams {
     pub max_yaw_slip: f64,
     /// Where a vehicle that moves to any side faces; of no meaning to others.
     pub facing: Facing,
-    /// Distance from the end of the path, along it, at which the vehicle stops, in metres.
+    /// Distance from the end of a section (the path's end, or a cusp), along it, at which the vehicle stops, in metres.
     pub goal_tolerance: f64,
-    /// Distance from the end of the path at which a vehicle that stopped has arrived, in metres: beyond it the tracker
+    /// Distance from the end of a section at which a vehicle that stopped there has arrived, in metres: beyond it the tracker
     /// reports [`TrackStatus::OffPath`].
     pub arrival_tolerance: f64,
     /// Heading error at which a turn on the spot ends, in radians.
@@ -180,12 +180,9 @@ impl<S: Steering> Follower<S> {
         if self.turning {
             return Ok((self.turn_by(-heading_error, cycle)?, TrackStatus::Tracking));
         }
-        let top = if gear == Gear::Forward { limits.twist.forward_speed } else { limits.twist.reverse_speed };
-        let speed = self.profile.speed_at(projection.arc_length).min(top).min(stopping_speed(
-            to_stop,
-            STOPPING_SHARE * limits.twist.deceleration,
-            dt + p.response_time,
-        ));
+        let top = top_speed(limits, gear);
+        let planned = self.profile.speed_at(projection.arc_length).min(top);
+        let speed = able_to_stop(planned, to_stop, limits.twist.deceleration, dt + p.response_time);
         let twist = in_gear(&state.twist, gear);
         let position = state.map_from_base.translation();
         let (course, profile) = (&self.course, &self.profile);
@@ -208,12 +205,14 @@ impl<S: Steering> Follower<S> {
         };
         let wanted = self.steering.twist(&input)?;
         // Faster than planned is slowed down, so that the curve stays the one that was asked for.
-        let scale = (speed / wanted.speed()).min(1.0);
+        let fast = wanted.speed();
+        let scale = if fast > speed { speed / fast } else { 1.0 };
         // What the wheels will make of it is what was asked for.
         let yaw_rate = wanted.yaw_rate / self.response.yaw_gain();
         let wanted = Twist2::new(scale * wanted.vx, scale * wanted.vy, scale * yaw_rate);
         let wanted = if scale > 0.0 { wanted } else { Twist2::ZERO };
-        Ok((limits.step(&state.motion(), &in_gear(&wanted, gear).into(), dt)?, TrackStatus::Tracking))
+        check::all_finite("steering law", &[wanted.vx, wanted.vy, wanted.yaw_rate])?;
+        Ok((limits.step_checked(&state.motion(), &in_gear(&wanted, gear).into(), dt), TrackStatus::Tracking))
     }
 
     /// The command in a turn on the spot.
@@ -246,13 +245,37 @@ impl<S: Steering> Follower<S> {
 /// What the parts of a command share.
 #[derive(Clone, Copy)]
 struct Cycle<'a> {
-    state: VehicleState,
+    state: &'a VehicleState,
     actual: Twist2,
     limits: &'a MotionLimits,
     dt: f64,
     projection: Projection,
     heading: So2,
     heading_error: f64,
+}
+
+/// Direction of the end that leads.
+pub(super) fn leading_end(rotation: So2, gear: Gear) -> So2 {
+    match gear {
+        Gear::Forward => rotation,
+        Gear::Reverse => rotation.compose(&So2::from_direction(-1.0, 0.0)),
+    }
+}
+
+/// Greatest speed in a gear, in metres per second.
+pub(super) const fn top_speed(limits: &MotionLimits, gear: Gear) -> f64 {
+    match gear {
+        Gear::Forward => limits.twist.forward_speed,
+        Gear::Reverse => limits.twist.reverse_speed,
+    }
+}
+
+/// A speed, or the greatest below it from which the vehicle stops within a distance, with some of its deceleration in reserve.
+pub(super) fn able_to_stop(speed: f64, distance: f64, deceleration: f64, reaction: f64) -> f64 {
+    let braking = STOPPING_SHARE * deceleration;
+    // Far from the stop there is no need for the root.
+    let is_far = 2.0 * braking * (distance - speed * reaction) >= speed * speed;
+    if is_far { speed } else { speed.min(stopping_speed(distance, braking, reaction)) }
 }
 
 /// From the base frame to that of the leading end, and back.
@@ -289,13 +312,14 @@ impl<S: Steering> PathTracker for Follower<S> {
         let projection = self.course.advance(&pose.translation(), reach).ok_or(TrackError::NoPath)?;
         let remaining = self.course.length() - projection.arc_length;
         let leg = self.course.leg();
-        let reverses = leg == Leg::Drive(Gear::Reverse);
-        let heading = if reverses { pose.rotation().compose(&So2::from_direction(-1.0, 0.0)) } else { pose.rotation() };
+        let gear = if let Leg::Drive(gear) = leg { gear } else { Gear::Forward };
+        let heading = leading_end(pose.rotation(), gear);
         let from_path = projection.direction.inverse().compose(&heading);
         let heading_error = small_angle::angle(from_path.cos(), from_path.sin());
 
         let actual = self.response.update(&state.twist, pose.rotation(), dt);
-        let cycle = Cycle { state: *state, actual, limits, dt, projection, heading, heading_error };
+        self.steering.observe(state, dt);
+        let cycle = Cycle { state, actual, limits, dt, projection, heading, heading_error };
         let (motion, status) = match leg {
             Leg::Drive(gear) => self.drive(&cycle, gear)?,
             Leg::Turn(_) => self.turn(&cycle)?,

@@ -13,13 +13,18 @@
 
 use super::{
     errors::{TrackingErrors, curvature, reachable, reachable_speed},
-    follower::{Follower, FollowerParams},
-    lateral::{LEAST_SPEED, LateralTable, TrackingWeights},
+    follower::{Facing, Follower, FollowerParams},
+    lateral::{LateralTable, TrackingWeights},
     observer::{Observer, ObserverParams},
-    steering::{Steering, SteeringInput},
+    steering::{BRAKING_SHARE, Steering, SteeringInput},
 };
 use crate::Error;
-use agv_core::{check, geometry::Twist2, kinematics::stopping_speed, roles::TrackError};
+use agv_core::{
+    check,
+    geometry::Twist2,
+    kinematics::stopping_speed,
+    roles::{TrackError, VehicleState},
+};
 
 /// Parameters of [`Lqr`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -48,7 +53,7 @@ impl Default for LqrParams {
             max_speed: 2.0,
             max_approach: 0.7,
             observer: ObserverParams::default(),
-            follower: FollowerParams { bend_window: 0.2, max_yaw_slip: 0.0, ..FollowerParams::default() },
+            follower: FollowerParams { bend_window: 0.2, ..FollowerParams::default() },
         }
     }
 }
@@ -88,29 +93,34 @@ impl Lqr {
     pub fn new(params: LqrParams) -> Result<Self, Error> {
         check::in_range("max_approach", params.max_approach, 0.01, std::f64::consts::FRAC_PI_2)?;
         let lag = check::non_negative("response_time", params.follower.response_time)?;
-        let observer = Observer::new(params.observer, lag)?;
+        let observer = Observer::new(params.observer, lag, params.follower.max_yaw_slip)?;
         let table = LateralTable::new(&params.weights, lag, params.period, params.max_speed)?;
-        Ok(Self::with_steering(params.follower, LqrSteering { params, table, observer, integral: 0.0 })?)
+        // The observer makes up for the slip; the follower must not do so again.
+        let follower = FollowerParams { max_yaw_slip: 0.0, ..params.follower };
+        Ok(Self::with_steering(follower, LqrSteering { params, table, observer, integral: 0.0 })?)
     }
 }
 
 impl Steering for LqrSteering {
     fn twist(&mut self, input: &SteeringInput<'_>) -> Result<Twist2, TrackError> {
-        let errors = TrackingErrors::of(&mut self.observer, input)?;
+        let errors = TrackingErrors::of(&self.observer, input)?;
         let p = &self.params;
         let (here, speed) = (errors.arc_length, errors.actual.vx.max(0.0));
         let told = reachable_speed(input, input.speed);
         let gain = self.table.gain(speed);
         // The feedback turns to a direction of approach, K₁ y / K₂, no steeper than the vehicle can turn out of again.
-        let turning = turning_acceleration(input, speed);
+        let turning = input.turning_acceleration();
         let linear = if gain[1] > 0.0 { gain[0] * errors.cross_track / gain[1] } else { 0.0 };
         let most = steepest_approach(errors.cross_track, speed, turning).min(p.max_approach);
-        let approach = linear.clamp(-most, most);
+        let approach = linear.max(-most).min(most);
+        if let Some(Facing::Path) = input.facing {
+            return input.sideways(Facing::Path, &input.predicted()?, -approach);
+        }
         let angle = errors.heading + approach;
         let stoppable = stopping_speed(angle.abs(), BRAKING_SHARE * turning, input.dt);
         let excess = errors.slip * errors.actual.yaw_rate - speed * curvature(input.course, here);
         let preview = here + speed * (p.follower.response_time + 0.5 * input.dt);
-        let feedback = (gain[1] * angle).clamp(-stoppable, stoppable) + gain[2] * excess + gain[3] * self.integral;
+        let feedback = (gain[1] * angle).max(-stoppable).min(stoppable) + gain[2] * excess + gain[3] * self.integral;
         let wanted = (told * curvature(input.course, preview) - feedback) / errors.slip;
         let twist = reachable(input, told, wanted);
         // Integrates only what the vehicle can act on.
@@ -120,25 +130,17 @@ impl Steering for LqrSteering {
         Ok(twist)
     }
 
+    fn observe(&mut self, state: &VehicleState, dt: f64) {
+        self.observer.update(state, dt);
+    }
+
     fn reset(&mut self) {
-        self.observer.reset();
         self.integral = 0.0;
     }
 }
 
-/// Share of the yaw acceleration that ending a turn may take; the rest is there for the lag of the drives.
-const BRAKING_SHARE: f64 = 0.5;
-
-/// Share of it that coming back to the path may take: turning in, turning out, and mending what noise makes of it.
+/// Share of the turning acceleration that coming back to the path may take: turning in, turning out, and mending what noise makes of it.
 const APPROACH_SHARE: f64 = 0.25;
-
-/// How fast the turn rate can change at a speed, in radians per second squared.
-fn turning_acceleration(input: &SteeringInput<'_>, speed: f64) -> f64 {
-    match &input.limits.steering {
-        Some(steering) => speed.max(LEAST_SPEED) * steering.max_rate / steering.wheelbase,
-        None => input.limits.twist.yaw_acceleration,
-    }
-}
 
 /// Steepest angle at the distance `y` from which the vehicle can turn to the path at a steady change `a` of its turn rate: from
 /// `θ = a t²/2` and `y = v a t³/6`, `θ = a/2 (6 y / (v a))^(2/3)`.
@@ -169,6 +171,7 @@ mod tests {
             ),
             ("position_drift", LqrParams { observer: ObserverParams { position_drift: 0.0, ..good.observer }, ..good }),
             ("response_time", LqrParams { follower: FollowerParams { response_time: -0.1, ..good.follower }, ..good }),
+            ("max_yaw_slip", LqrParams { follower: FollowerParams { max_yaw_slip: 0.6, ..good.follower }, ..good }),
             ("bend_window", LqrParams { follower: FollowerParams { bend_window: 0.0, ..good.follower }, ..good }),
         ] {
             assert!(Lqr::new(params).unwrap_err().to_string().starts_with(name), "{name}");

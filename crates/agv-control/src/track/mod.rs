@@ -12,8 +12,7 @@
 //!
 //! The follower also knows how the vehicle answers: the lag of its drives, and the slip of its wheels, which it learns. Laws
 //! steer by [`SteeringInput::predicted`], the errors when the drives will have done what they were told. The optimal two have the lag
-//! in their model and a filter of their own for pose and slip: give them poses as they are measured, not led ahead, and
-//! leave `max_yaw_slip` at zero, so that slip is not made up for twice.
+//! in their model and a filter of their own for pose and slip: give them poses as they are measured, not led ahead.
 
 mod course;
 mod errors;

@@ -13,6 +13,7 @@
 //! pose⁺ = pose · exp((v, w, g ω) dt)        ξ⁺ = Ad(exp(·))⁻¹ ξ + (0, 0, ω dt) δg        residual = log(pose⁻¹ measured)
 //! ```
 
+use super::lateral::Sampled;
 use agv_core::{
     Error, check,
     geometry::{LieGroup, Se2, Twist2},
@@ -56,10 +57,8 @@ impl ObserverParams {
     }
 }
 
-/// Initial uncertainty of the slip factor, least and greatest slip that is believed, and deviations beyond which a pose is a
-/// new beginning.
+/// Initial uncertainty of the slip factor, and deviations beyond which a pose is a new beginning.
 const SLIP_SIGMA: f64 = 0.03;
-const SLIP: (f64, f64) = (0.7, 1.4);
 const GATE: f64 = 5.0;
 
 /// The filter: predicts by the commands, corrects by the poses.
@@ -68,6 +67,8 @@ pub(super) struct Observer {
     params: ObserverParams,
     /// Time constant with which the drives follow their commands, in seconds.
     lag: f64,
+    /// Greatest share by which the slip factor differs from one; zero for not learning it.
+    max_slip: f64,
     pose: Option<Se2>,
     /// What the vehicle does, as its wheels have it.
     actual: Motion,
@@ -77,14 +78,15 @@ pub(super) struct Observer {
 }
 
 impl Observer {
-    pub(super) fn new(params: ObserverParams, lag: f64) -> Result<Self, Error> {
+    pub(super) fn new(params: ObserverParams, lag: f64, max_slip: f64) -> Result<Self, Error> {
         params.validate()?;
-        Ok(Self { params, lag, pose: None, actual: Motion::REST, slip: 1.0, covariance: Matrix4::zeros() })
+        check::in_range("max_yaw_slip", max_slip, 0.0, 0.5)?;
+        Ok(Self { params, lag, max_slip, pose: None, actual: Motion::REST, slip: 1.0, covariance: Matrix4::zeros() })
     }
 
-    /// Forgets the pose; the slip is the floor's, and stays.
-    pub(super) fn reset(&mut self) {
-        self.pose = None;
+    /// The pose and the motion that are most likely, as of the last update.
+    pub(super) fn estimate(&self) -> (Se2, Motion) {
+        (self.pose.unwrap_or_default(), self.actual)
     }
 
     pub(super) const fn slip(&self) -> f64 {
@@ -100,10 +102,8 @@ impl Observer {
             self.begin(state);
             return (measured, self.actual);
         };
-        // The mean over the step, exactly.
-        let kept = if self.lag > 0.0 { (-dt / self.lag).exp() } else { 0.0 };
-        let early = self.lag * (1.0 - kept) / dt;
-        let mean = |was: f64, command: f64| command + (was - command) * early;
+        let Sampled { kept, once, .. } = Sampled::new(self.lag, dt);
+        let mean = |was: f64, command: f64| command + (was - command) * once[0] / dt;
         let next = |was: f64, command: f64| command + (was - command) * kept;
         let (was, told) = (self.actual.twist, state.twist);
         let turned = mean(was.yaw_rate, told.yaw_rate);
@@ -115,7 +115,8 @@ impl Observer {
         let mut model = Matrix4::identity();
         model.fixed_view_mut::<3, 3>(0, 0).copy_from(&moved.inverse().adjoint());
         model[(2, 3)] = turned * dt;
-        let drift = [p.position_drift, p.position_drift, p.yaw_drift, p.slip_drift].map(|d| d * d * dt);
+        let slip_drift = if self.max_slip > 0.0 { p.slip_drift } else { 0.0 };
+        let drift = [p.position_drift, p.position_drift, p.yaw_drift, slip_drift].map(|d| d * d * dt);
         let predicted =
             model * self.covariance * model.transpose() + Matrix4::from_diagonal(&Vector4::from_column_slice(&drift));
         let pose = pose.compose(&moved);
@@ -123,16 +124,21 @@ impl Observer {
         let [xy, yaw] = [p.position_noise, p.yaw_noise].map(|sigma| sigma * sigma);
         let innovation: Matrix3<f64> =
             predicted.fixed_view::<3, 3>(0, 0) + Matrix3::from_diagonal(&nalgebra::Vector3::new(xy, xy, yaw));
-        let strange = (0..3).any(|i| residual[i] * residual[i] > GATE * GATE * innovation[(i, i)]);
-        let Some(factor) = innovation.cholesky().filter(|_| !strange) else {
+        // Put so that what is not a number is not usual either.
+        let usual = (0..3).all(|i| residual[i] * residual[i] <= GATE * GATE * innovation[(i, i)]);
+        let Some(factor) = innovation.cholesky().filter(|_| usual) else {
             self.begin(state);
             return (measured, self.actual);
         };
         let gain: SMatrix<f64, 4, 3> = factor.solve(&predicted.fixed_rows::<3>(0)).transpose();
         let correction = gain * residual;
+        if !correction.iter().all(|c| c.is_finite()) || !self.actual.is_finite() {
+            self.begin(state);
+            return (measured, self.actual);
+        }
         let updated = predicted - gain * predicted.fixed_rows::<3>(0);
         self.covariance = 0.5 * (updated + updated.transpose());
-        self.slip = (self.slip + correction[3]).clamp(SLIP.0, SLIP.1);
+        self.slip = (self.slip + correction[3]).clamp(1.0 - self.max_slip, 1.0 + self.max_slip);
         let pose = pose.compose(&Se2::exp(&correction.fixed_rows::<3>(0).into_owned()));
         self.pose = Some(pose);
         (pose, self.actual)
@@ -142,8 +148,8 @@ impl Observer {
     fn begin(&mut self, state: &VehicleState) {
         let p = self.params;
         let slip_variance = match self.covariance[(3, 3)] {
-            _ if p.slip_drift == 0.0 => 0.0,
-            known if known > 0.0 => known,
+            _ if p.slip_drift == 0.0 || self.max_slip == 0.0 => 0.0,
+            known if known > 0.0 && known.is_finite() => known,
             _ => SLIP_SIGMA * SLIP_SIGMA,
         };
         let [xy, yaw] = [p.position_noise, p.yaw_noise].map(|sigma| sigma * sigma);
@@ -163,7 +169,7 @@ mod tests {
     #[test]
     fn lag_slip_and_noise_are_seen_through() {
         let (dt, lag, slip) = (0.02, 0.15, 0.97);
-        let mut observer = Observer::new(ObserverParams::default(), 0.15).unwrap();
+        let mut observer = Observer::new(ObserverParams::default(), 0.15, 0.1).unwrap();
         let mut stream = Seed(3).stream(0, 0);
         let mut noise = |sigma: f64| -> f64 { sigma * Distribution::<f64>::sample(&StandardNormal, &mut stream) };
         let (mut pose, mut actual, mut command) = (Se2::default(), Twist2::ZERO, Twist2::ZERO);
@@ -192,7 +198,7 @@ mod tests {
 
     #[test]
     fn a_jump_is_a_new_beginning() {
-        let mut observer = Observer::new(ObserverParams::default(), 0.15).unwrap();
+        let mut observer = Observer::new(ObserverParams::default(), 0.15, 0.1).unwrap();
         for _ in 0..20 {
             observer.update(&VehicleState::default(), 0.02);
         }
@@ -203,7 +209,7 @@ mod tests {
     #[test]
     fn without_noise_poses_are_taken_as_they_are() {
         let params = ObserverParams { position_noise: 0.0, yaw_noise: 0.0, ..ObserverParams::default() };
-        let mut observer = Observer::new(params, 0.15).unwrap();
+        let mut observer = Observer::new(params, 0.15, 0.1).unwrap();
         for k in 0..20 {
             let there = Se2::new(0.001 * f64::from(k), 0.0, 0.0);
             let (pose, _) = observer.update(&VehicleState::new(there, Twist2::new(0.05, 0.0, 0.0)), 0.02);

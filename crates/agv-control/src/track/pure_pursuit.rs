@@ -88,16 +88,16 @@ impl Steering for PurePursuitSteering {
     fn reset(&mut self) {}
 }
 
-/// Least look-ahead at which the vehicle's yaw acceleration suffices to come back to the path without swinging.
+/// Least look-ahead at which the vehicle's turning acceleration suffices to come back to the path without swinging.
 ///
 /// Near the path pure pursuit is an oscillator of frequency `√2 v / l`; an offset `y` then asks for `2√2 v² y / l³` of
-/// yaw acceleration, and a heading error `e` for `2√2 v² e / l²`.
+/// turning acceleration, and a heading error `e` for `2√2 v² e / l²`.
 fn steerable_look_ahead(input: &SteeringInput<'_>, least: f64) -> f64 {
-    let pull = 2.0 * std::f64::consts::SQRT_2 * input.speed * input.speed / input.limits.twist.yaw_acceleration;
+    let (pull, turning) = (2.0 * std::f64::consts::SQRT_2 * input.speed * input.speed, input.turning_acceleration());
     let (cube, square) = (pull * input.projection.cross_track.abs(), pull * input.heading_error.abs());
-    // Roots are slow, and seldom needed.
-    let ahead = if cube > least * least * least { cube.cbrt() } else { least };
-    if square > ahead * ahead { square.sqrt() } else { ahead }
+    // Roots and divisions are slow, and seldom needed.
+    let ahead = if cube > least * least * least * turning { (cube / turning).cbrt() } else { least };
+    if square > ahead * ahead * turning { (square / turning).sqrt() } else { ahead }
 }
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
 //! Angles that are nearly always small: the errors of a vehicle that keeps its path, by their series instead of by the library's
-//! functions, which take five times as long. The results agree to the last digits.
+//! functions, which are slower. The results agree to the last digits.
 
 /// Angle below which the series are summed, in radians.
 const SMALL: f64 = 0.1;

@@ -3,6 +3,7 @@
 use super::{
     course::{Course, Projection},
     follower::Facing,
+    lateral::LEAST_SPEED,
     small_angle,
     speed::SpeedProfile,
 };
@@ -43,7 +44,7 @@ pub struct SteeringInput<'a> {
     /// Speed that is planned for this cycle, in metres per second, not negative: bends, the stop ahead and the limits allow it.
     pub speed: f64,
     /// The vehicle as it is, in its base frame.
-    pub state: VehicleState,
+    pub state: &'a VehicleState,
     /// How the section is driven.
     pub gear: Gear,
     /// What the vehicle can do.
@@ -102,8 +103,19 @@ impl SteeringInput<'_> {
     /// acceleration cannot end in time: that would swing past the direction. In radians per second.
     #[inline]
     pub fn turn_rate(&self, error: f64, gain: f64) -> f64 {
-        let stoppable = stopping_speed(error.abs(), BRAKING_SHARE * self.limits.twist.yaw_acceleration, self.dt);
-        (gain * error).clamp(-stoppable, stoppable)
+        let stoppable = stopping_speed(error.abs(), BRAKING_SHARE * self.turning_acceleration(), self.dt);
+        // Not a clamp, which panics where the bound is no number.
+        (gain * error).max(-stoppable).min(stoppable)
+    }
+
+    /// How fast the turn rate can change, in radians per second squared: by the yaw acceleration, or at the present speed by the
+    /// steering rate.
+    #[inline]
+    pub fn turning_acceleration(&self) -> f64 {
+        match &self.limits.steering {
+            Some(steering) => self.actual.vx.max(LEAST_SPEED) * steering.max_rate / steering.wheelbase,
+            None => self.limits.twist.yaw_acceleration,
+        }
     }
 
     /// For a vehicle that moves to any side: the planned speed at `approach` radians to the left of the path, while the vehicle
@@ -130,7 +142,7 @@ impl SteeringInput<'_> {
 }
 
 /// Share of the yaw acceleration that ending a turn may take; the rest is there for the lag of the actuators.
-const BRAKING_SHARE: f64 = 0.5;
+pub(super) const BRAKING_SHARE: f64 = 0.5;
 
 /// Turn rate per error of where the vehicle faces, in 1/s, for vehicles whose way does not depend on it.
 const FACING_GAIN: f64 = 2.0;
@@ -142,9 +154,14 @@ pub trait Steering {
     /// The follower slows it down along its curvature to the planned speed, and steps towards it within the limits.
     ///
     /// # Errors
-    /// Whatever the law's parts refuse; the follower then commands nothing.
+    /// Whatever the law's parts refuse; the follower then commands nothing. The state has been taken in all the same (progress,
+    /// lag, slip): brake, and go on with the next cycle's; do not repeat the call.
     fn twist(&mut self, input: &SteeringInput<'_>) -> Result<Twist2, TrackError>;
 
-    /// Forgets the past: there is a new path, or a new section of it.
+    /// Sees every state before anything is commanded, also in cycles in which the follower stops or turns by itself: for laws that
+    /// estimate. The state's twist is what was commanded in the last `dt` seconds.
+    fn observe(&mut self, _state: &VehicleState, _dt: f64) {}
+
+    /// Forgets what belongs to the path: there is a new one, or a new section of it.
     fn reset(&mut self);
 }

@@ -2,7 +2,8 @@
 //!
 //! Each control cycle spends a few evaluations on a model of the plant as it is now. Sensitive particles notice when the
 //! model has changed, because a load was taken up or set down; the swarm then forgets and scatters, and the gains follow
-//! when something better is known.
+//! when something better is known. With [`Sensing::watch_best`] the values in use are among what is compared; without it the
+//! best of the first generation after a change is taken, whatever it is.
 
 use crate::optimize::{Search, SearchSpace};
 use crate::pso::{Sensing, Swarm, SwarmParams};
@@ -45,7 +46,7 @@ pub struct Proposal<'a> {
 }
 
 /// A swarm that tunes without end, within a bounded number of evaluations per cycle. After the first generation a cycle
-/// allocates nothing.
+/// allocates nothing, if the model does not (a [`StepTest`](crate::step_response::StepTest) with a dead time of 32 samples or more does).
 ///
 /// ```
 /// use agv_control::plant::{LinearPlant, TransferFunction};

@@ -13,16 +13,24 @@ impl Objective for StepTest {
     }
 
     fn evaluate_batch(&self, points: &[f64], costs: &mut [f64]) {
-        let mut gains = [PidGains::default(); BATCH];
-        for (points, costs) in points.chunks(3 * BATCH).zip(costs.chunks_mut(BATCH)) {
-            for (gains, point) in gains.iter_mut().zip(points.chunks_exact(3)) {
-                *gains = gains_of(point);
-            }
+        for_each_batch(points, costs, |gains, costs| {
             // The slices are of one length.
-            if self.cost_batch(&gains[..costs.len()], costs).is_err() {
+            if self.cost_batch(gains, costs).is_err() {
                 costs.fill(f64::INFINITY);
             }
+        });
+    }
+}
+
+/// Passes on points of any dimension as gains, a [`BATCH`] at a time, with the costs to be filled in.
+pub(super) fn for_each_batch(points: &[f64], costs: &mut [f64], mut evaluate: impl FnMut(&[PidGains], &mut [f64])) {
+    let dimension = (points.len() / costs.len().max(1)).max(1);
+    let mut gains = [PidGains::default(); BATCH];
+    for (points, costs) in points.chunks(dimension * BATCH).zip(costs.chunks_mut(BATCH)) {
+        for (gains, point) in gains.iter_mut().zip(points.chunks_exact(dimension)) {
+            *gains = gains_of(point);
         }
+        evaluate(&gains[..costs.len()], costs);
     }
 }
 
@@ -93,11 +101,14 @@ mod tests {
     fn batches_have_the_bits_of_single_runs() {
         for plant in StandIn::ALL {
             let test = plant.step_test().unwrap();
-            let points: Vec<f64> = (0..3 * 11).map(|k| f64::from(k * 7 % 13) * 0.3).collect();
-            let mut costs = [0.0; 11];
-            test.evaluate_batch(&points, &mut costs);
-            for (point, cost) in points.chunks_exact(3).zip(costs) {
-                assert_eq!(test.evaluate(point), cost);
+            // Fewer gains are P and PI controllers.
+            for dimension in 1..=3 {
+                let points: Vec<f64> = (0..dimension * 11).map(|k| (k * 7 % 13) as f64 * 0.3).collect();
+                let mut costs = [0.0; 11];
+                test.evaluate_batch(&points, &mut costs);
+                for (point, cost) in points.chunks_exact(dimension).zip(costs) {
+                    assert_eq!(test.evaluate(point), cost);
+                }
             }
         }
     }

@@ -4,8 +4,9 @@
 //! J = max over plants of  criterion + w_o max(0, overshoot - allowed) + w_t travel + w_e energy + w_s max(0, Ms - allowed)
 //! ```
 
-use super::pid::gains_of;
+use super::pid::{for_each_batch, gains_of};
 use crate::margin::FrequencySweep;
+use crate::optimize::comparable;
 use crate::plant::LinearPlant;
 use crate::step_response::{PidGains, StepFigures, StepTest, StepTestParams};
 use crate::{BATCH, Error, Objective};
@@ -134,7 +135,8 @@ impl StepCost {
         if p.sensitivity_weight > 0.0 {
             cost += p.sensitivity_weight * beyond(sweep.margins(gains).sensitivity, p.sensitivity_allowed);
         }
-        cost
+        // Energies may overflow where the criterion does not.
+        comparable(cost)
     }
 }
 
@@ -146,22 +148,19 @@ impl Objective for StepCost {
     }
 
     fn evaluate_batch(&self, points: &[f64], costs: &mut [f64]) {
-        let (mut gains, mut figures) = ([PidGains::default(); BATCH], [StepFigures::DIVERGED; BATCH]);
-        for (points, costs) in points.chunks(3 * BATCH).zip(costs.chunks_mut(BATCH)) {
-            for (gains, point) in gains.iter_mut().zip(points.chunks_exact(3)) {
-                *gains = gains_of(point);
-            }
+        let mut figures = [StepFigures::DIVERGED; BATCH];
+        for_each_batch(points, costs, |gains, costs| {
             costs.fill(f64::NEG_INFINITY);
             for (test, sweep) in &self.plants {
                 // The slices are of one length.
-                if test.figures_batch(&gains[..costs.len()], &mut figures[..costs.len()]).is_err() {
+                if test.figures_batch(gains, &mut figures[..costs.len()]).is_err() {
                     costs.fill(f64::INFINITY);
                 }
-                for ((cost, figures), gains) in costs.iter_mut().zip(&figures).zip(&gains) {
+                for ((cost, figures), gains) in costs.iter_mut().zip(&figures).zip(gains) {
                     *cost = cost.max(self.weigh(figures, sweep, *gains));
                 }
             }
-        }
+        });
     }
 }
 
@@ -245,5 +244,16 @@ mod tests {
         }
         assert!(StepCost::new(&[], StepTestParams::default(), good).is_err());
         assert_eq!(cost(StepCostParams { travel_weight: 1.0, ..good }).evaluate(&[f64::NAN; 3]), f64::INFINITY);
+    }
+
+    #[test]
+    fn an_energy_beyond_numbers_does_not_win() {
+        let plant = LinearPlant::new(crate::plant::TransferFunction::new(&[1.0], &[1.0, 1.0]).unwrap()).unwrap();
+        let cost =
+            StepCost::new(&[plant], StepTestParams { horizon: 0.02, ..Default::default() }, StepCostParams::default());
+        let (cost, gains) = (cost.unwrap(), [1e80, 0.0, 0.0]);
+        let mut batch = [0.0];
+        cost.evaluate_batch(&gains, &mut batch);
+        assert_eq!((cost.evaluate(&gains), batch[0]), (f64::INFINITY, f64::INFINITY));
     }
 }

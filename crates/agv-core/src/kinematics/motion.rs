@@ -134,22 +134,20 @@ impl MotionLimits {
     pub fn clamp(&self, twist: &Twist2) -> Result<Twist2, Error> {
         self.validate()?;
         finite_twist("twist", twist)?;
-        self.clamped(twist)
+        Ok(self.clamped(twist))
     }
 
     /// [`clamp`](Self::clamp) of values that were checked.
-    fn clamped(&self, twist: &Twist2) -> Result<Twist2, Error> {
-        let steered = self.steering.map_or(Ok(*twist), |steering| steering.clamp(twist))?;
+    fn clamped(&self, twist: &Twist2) -> Twist2 {
+        let steered = self.steering.map_or(*twist, |steering| steering.clamped(twist));
         let slow = self.twist.clamped(&steered);
-        if self.lateral_acceleration.is_none() {
-            return Ok(slow);
-        }
+        let Some(limit) = self.lateral_acceleration else { return slow };
         let sideways = slow.speed() * slow.yaw_rate.abs();
-        let scale = match self.lateral_acceleration {
-            Some(limit) if sideways > limit + TOLERANCE => (limit / sideways).sqrt(),
-            _ => return Ok(slow),
-        };
-        Ok(Twist2::new(scale * slow.vx, scale * slow.vy, scale * slow.yaw_rate))
+        if sideways <= limit + TOLERANCE {
+            return slow;
+        }
+        let scale = (limit / sideways).sqrt();
+        Twist2::new(scale * slow.vx, scale * slow.vy, scale * slow.yaw_rate)
     }
 
     /// The motion after one time step from `current` towards `target`, within all limits at once; see
@@ -166,6 +164,12 @@ impl MotionLimits {
         current.check("current twist")?;
         target.check("target twist")?;
         check::non_negative("dt", dt)?;
+        Ok(self.step_checked(current, target, dt))
+    }
+
+    /// [`step`](Self::step) of values that it would accept, without asking again: for loops that checked limits once. Of others the
+    /// result means nothing.
+    pub fn step_checked(&self, current: &Motion, target: &Motion, dt: f64) -> Motion {
         match &self.steering {
             Some(steering) => self.step_steered(steering, current, target, dt),
             None => self.step_free(current, target, dt),
@@ -239,13 +243,13 @@ impl MotionLimits {
         self.twist.stopping_speed(distance, reaction_time)
     }
 
-    fn step_free(&self, current: &Motion, target: &Motion, dt: f64) -> Result<Motion, Error> {
-        let target = self.clamped(&target.twist)?;
+    fn step_free(&self, current: &Motion, target: &Motion, dt: f64) -> Motion {
+        let target = self.clamped(&target.twist);
         let wanted = self.twist.stepped(&current.twist, &target, dt);
-        let Some(limit) = self.lateral_acceleration else { return Ok(wanted.into()) };
+        let Some(limit) = self.lateral_acceleration else { return wanted.into() };
         let sideways = wanted.speed() * wanted.yaw_rate.abs();
         if sideways <= limit {
-            return Ok(wanted.into());
+            return wanted.into();
         }
         // On the same curvature if that is in reach, else less of a turn, else less speed too.
         let scale = (limit / sideways).sqrt();
@@ -255,24 +259,18 @@ impl MotionLimits {
         let most = limit / speed.max(f64::MIN_POSITIVE);
         let yaw_rate = yaw.nearest((scale * wanted.yaw_rate).clamp(-most, most));
         if speed * yaw_rate.abs() <= limit {
-            return Ok(Twist2::new(vx, vy, yaw_rate).into());
+            return Twist2::new(vx, vy, yaw_rate).into();
         }
         // The speed is convex along the way to the slowest, so at this share it is low enough.
         let (slow_x, slow_y) = (x.slowest(), y.slowest());
         let excess = speed - limit / yaw_rate.abs();
         let share = (excess / (speed - slow_x.hypot(slow_y)).max(f64::MIN_POSITIVE)).min(1.0);
         let mix = |from: f64, to: f64| from + share * (to - from);
-        Ok(Twist2::new(x.nearest(mix(vx, slow_x)), y.nearest(mix(vy, slow_y)), yaw_rate).into())
+        Twist2::new(x.nearest(mix(vx, slow_x)), y.nearest(mix(vy, slow_y)), yaw_rate).into()
     }
 
-    fn step_steered(
-        &self,
-        steering: &SteeringLimits,
-        current: &Motion,
-        target: &Motion,
-        dt: f64,
-    ) -> Result<Motion, Error> {
-        let wanted = self.clamped(&target.twist)?;
+    fn step_steered(&self, steering: &SteeringLimits, current: &Motion, target: &Motion, dt: f64) -> Motion {
+        let wanted = self.clamped(&target.twist);
         let reach = Reach::new(self, steering, current, wanted.vx, dt);
         let angle = match target.steering {
             Some(angle) => angle,
@@ -289,7 +287,7 @@ impl MotionLimits {
         // At rest any angle will do, and 0/0 is no bound.
         let angle = if vx == 0.0 { angle } else { reach.angle.nearest(angle.clamp(-most, most)) };
         let twist = Twist2::new(vx, 0.0, vx * steering.curvature(angle));
-        Ok(Motion { twist, steering: Some(angle) })
+        Motion { twist, steering: Some(angle) }
     }
 }
 

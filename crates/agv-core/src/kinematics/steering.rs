@@ -106,9 +106,14 @@ impl SteeringLimits {
     pub fn clamp(&self, twist: &Twist2) -> Result<Twist2, Error> {
         self.validate()?;
         finite_twist("twist", twist)?;
+        Ok(self.clamped(twist))
+    }
+
+    /// [`clamp`](Self::clamp) of values that were checked.
+    pub(super) fn clamped(&self, twist: &Twist2) -> Twist2 {
         // Apart at rest, where an absurdly short wheelbase would make it NaN.
         let limit = if twist.vx == 0.0 { 0.0 } else { self.max_curvature() * twist.vx.abs() };
-        Ok(Twist2::new(twist.vx, 0.0, twist.yaw_rate.clamp(-limit, limit)))
+        Twist2::new(twist.vx, 0.0, twist.yaw_rate.max(-limit).min(limit))
     }
 
     /// The steering angle nearest to `target` that can be reached from `current` in `dt` seconds, within the limits.

@@ -110,8 +110,10 @@ pub fn rounded(waypoints: &[Vector2<f64>], radius: f64, spacing: f64) -> Result<
         let (from, yaw) = (corners[line], headings[line]);
         let along = Vector2::new(yaw.cos(), yaw.sin());
         let (begin, end) = (takes[line], length - takes[line + 1]);
-        let pieces = steps((end - begin).max(spacing), spacing)?;
-        positions.extend((0..=pieces).map(|i| from + along * (begin + (end - begin) * i as f64 / pieces as f64)));
+        let straight = end - begin;
+        // Where two arcs meet there is no line between them, only rounding.
+        let pieces = if straight > 1e-9 * length { steps(straight.max(spacing), spacing)? } else { 0 };
+        positions.extend((0..=pieces).map(|i| from + along * (begin + straight * i as f64 / pieces.max(1) as f64)));
         if let Some(&next) = headings.get(line + 1) {
             let turn = angle_difference(next, yaw);
             let radius = takes[line + 1] / (0.5 * turn.abs()).tan().max(f64::MIN_POSITIVE);
@@ -214,6 +216,21 @@ mod tests {
             let bends =
                 if path.points().iter().any(|p| p.gear == Gear::Reverse) { 1.0 / radius } else { tightest(&path) };
             assert!((bends - 1.0 / radius).abs() < 0.01, "{bends} {radius}");
+        }
+    }
+
+    /// Between arcs that meet there is no line: what rounding leaves of it would point anywhere.
+    #[test]
+    fn arcs_that_meet_have_no_crumbs_between_them() {
+        for k in 0..200 {
+            let (shift, turn) = (0.37 * f64::from(k), 0.1 * f64::from(k));
+            let place = Se2::new(shift, -shift, turn);
+            let corners = [(0.0, 0.0), (3.0, 0.0), (3.0, 1.2), (0.0, 1.2)]
+                .map(|(x, y)| (place * Se2::new(x, y, 0.0)).translation());
+            let path = rounded(&corners, 0.6, 0.05).unwrap();
+            let least = path.points().windows(2).map(|w| (w[1].pose.translation() - w[0].pose.translation()).norm());
+            assert!(least.fold(f64::INFINITY, f64::min) > 1e-3, "{k}");
+            assert!(tightest(&path) < 1.0 / 0.6 + 0.05, "{k}: {}", tightest(&path));
         }
     }
 

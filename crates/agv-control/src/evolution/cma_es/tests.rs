@@ -35,6 +35,22 @@ fn finds_a_minimum_in_a_corner() {
     assert!(cost + 1.0 < 1e-6, "{place:?} costs {cost}");
 }
 
+/// With many samples in few dimensions all of the matrix would be learnt anew in each generation: what is left of the old one must
+/// not vanish, or the strategy starts again and again.
+#[test]
+fn many_samples_do_not_wipe_out_the_matrix() {
+    for (dimension, population) in [(1, 64), (2, 128), (3, 256)] {
+        let params =
+            CmaEsParams { population, max_population: population, restart_deviation: 0.0, ..Default::default() };
+        let mut cma = CmaEs::new(dimension, params, Seed(1)).unwrap();
+        for generation in 1..=20 {
+            evaluate(&mut cma, |p| p.iter().map(|x| (x - 0.3) * (x - 0.3)).sum());
+            assert_eq!(cma.age, generation, "{dimension} x {population}");
+        }
+        assert!(cma.best().unwrap().1 < 1e-9);
+    }
+}
+
 #[test]
 fn a_plateau_makes_it_start_again_with_more_samples() {
     let mut cma = CmaEs::new(2, CmaEsParams::default(), Seed(3)).unwrap();

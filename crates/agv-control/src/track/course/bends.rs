@@ -69,7 +69,7 @@ impl Course {
     /// Turn per metre at an arc length with corners rounded off over the bend window, in 1/m, positive to the left. O(1).
     #[inline]
     pub fn curvature_at(&self, arc_length: f64) -> f64 {
-        let place = (arc_length * self.knots.per_metre).max(0.0);
+        let place = (arc_length * self.knots.per_metre).max(0.0).min(self.knots.bends.len() as f64);
         let knot = place as usize;
         let at = |i: usize| self.knots.bends.get(i).map_or(0.0, |bend| bend.curvature);
         let share = place - knot as f64;

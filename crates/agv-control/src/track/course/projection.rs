@@ -3,6 +3,7 @@
 use super::{Course, Leg, Section};
 use agv_core::geometry::So2;
 use nalgebra::Vector2;
+use std::ops::Range;
 
 /// The vehicle's place on the course.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -56,19 +57,11 @@ impl Course {
         });
         let (segment, ahead, distance) = match known {
             Some(known) => {
-                let (mut square, mut best) = (f64::INFINITY, (start, 0.0));
-                for segment in start..known.first {
-                    if segment > start && self.arc_lengths[segment] > limit {
-                        break;
-                    }
-                    let (found, ahead) = self.square_distance(segment, position);
-                    if found < square {
-                        (square, best) = (found, (segment, ahead));
-                    }
-                }
+                let (segment, ahead, square) = self.nearest(start..known.first, limit, position);
                 let distance = square.sqrt();
-                if distance < known.distance - (position - known.position).norm() {
-                    (best.0, best.1, distance)
+                let room = known.distance - distance;
+                if room > 0.0 && (position - known.position).norm_squared() < room * room {
+                    (segment, ahead, distance)
                 } else {
                     self.search(&section, start, limit, position)
                 }
@@ -93,7 +86,7 @@ impl Course {
         let mut segment = start;
         let mut best = (segment, 0.0, f64::INFINITY);
         loop {
-            let (square, ahead) = self.square_distance(segment, position);
+            let (_, ahead, square) = self.nearest(segment..segment + 1, limit, position);
             let distance = square.sqrt();
             if distance < best.2 {
                 best = (segment, ahead, distance);
@@ -128,19 +121,30 @@ impl Course {
         Clearance { position: *position, first, end: self.arc_lengths[vertex], distance }
     }
 
-    /// Squared distance of a segment from a position, and how far along the segment its nearest point lies.
+    /// The nearest of some segments that begin at an arc length of at most `limit` (the first one always counts): its index, how
+    /// far along it the nearest point lies, and the squared distance.
     #[inline]
-    fn square_distance(&self, segment: usize, position: &Vector2<f64>) -> (f64, f64) {
-        let direction = self.directions[segment];
-        let length = self.arc_lengths[segment + 1] - self.arc_lengths[segment];
-        let offset = position - self.vertices[segment];
-        let along = direction.cos() * offset.x + direction.sin() * offset.y;
-        let ahead = along.max(0.0).min(length);
-        let (beyond, across) = (along - ahead, side(direction, offset));
-        (beyond * beyond + across * across, ahead)
+    fn nearest(&self, segments: Range<usize>, limit: f64, position: &Vector2<f64>) -> (usize, f64, f64) {
+        let ends = self.arc_lengths[segments.start..=segments.end].windows(2);
+        let lines = self.directions[segments.clone()].iter().zip(&self.vertices[segments.clone()]);
+        let mut best = (segments.start, 0.0, f64::INFINITY);
+        for ((segment, (&direction, vertex)), ends) in segments.clone().zip(lines).zip(ends) {
+            if ends[0] > limit && segment > segments.start {
+                break;
+            }
+            let offset = position - vertex;
+            let along = direction.cos() * offset.x + direction.sin() * offset.y;
+            let ahead = along.max(0.0).min(ends[1] - ends[0]);
+            let (beyond, across) = (along - ahead, side(direction, offset));
+            let square = beyond * beyond + across * across;
+            if square < best.2 {
+                best = (segment, ahead, square);
+            }
+        }
+        best
     }
 
-    /// Distance of a vertex, without the guard of `hypot` against overflow, which takes ten times as long.
+    /// Distance of a vertex, without the guard of `hypot` against overflow.
     #[inline]
     fn distance(&self, vertex: usize, position: &Vector2<f64>) -> f64 {
         (position - self.vertices[vertex]).norm()

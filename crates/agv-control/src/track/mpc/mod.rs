@@ -19,8 +19,8 @@ mod stage;
 mod vehicle;
 
 use super::{
-    errors::{TrackingErrors, curvature, planned_speed},
-    follower::{Follower, FollowerParams},
+    errors::{TrackingErrors, curvature},
+    follower::{Facing, Follower, FollowerParams, able_to_stop, top_speed},
     lateral::{LEAST_SPEED, LateralTable, Sampled, TrackingWeights},
     observer::{Observer, ObserverParams},
     steering::{Steering, SteeringInput},
@@ -29,7 +29,7 @@ use crate::Error;
 use agv_core::{
     check,
     geometry::Twist2,
-    roles::TrackError,
+    roles::{TrackError, VehicleState},
     solve::{QuadraticOutcome, QuadraticParams},
 };
 use programme::{Costs, Programme};
@@ -72,7 +72,7 @@ impl Default for MpcParams {
             max_speed: 2.0,
             max_iterations: 100,
             observer: ObserverParams::default(),
-            follower: FollowerParams { bend_window: 0.2, max_yaw_slip: 0.0, ..FollowerParams::default() },
+            follower: FollowerParams { bend_window: 0.2, ..FollowerParams::default() },
         }
     }
 }
@@ -120,8 +120,7 @@ pub struct MpcSteering {
     report: Option<MpcReport>,
 }
 
-/// The model predictive tracker. `O(n³)` per command for the `n` inputs of a horizon, about a tenth of a millisecond for twenty
-/// steps; the twist of the states is to be the last command.
+/// The model predictive tracker. `O(n³)` per command for the `n` inputs of a horizon; the twist of the states is to be the last command.
 ///
 /// ```
 /// use agv_control::track::{Mpc, MpcParams, MpcSource};
@@ -142,14 +141,18 @@ impl Mpc {
     /// A tracker from its parameters; everything that it will need is allocated here.
     ///
     /// # Errors
-    /// The first parameter that is out of its range; [`Error::NotStabilisable`] for weights too far apart for the numbers.
+    /// The first parameter that is out of its range; [`Error::NotStabilisable`] for weights too far apart for the numbers;
+    /// [`Error::FacingNotSupported`] for [`Facing::Path`], as the model is linear about the direction of the path.
     pub fn new(params: MpcParams) -> Result<Self, Error> {
         check::positive("speed_worth", params.speed_worth)?;
         check::positive("sideways_worth", params.sideways_worth)?;
         check::in_range("horizon", params.horizon as f64, 2.0, MOST_STEPS as f64)?;
         check::positive("step", params.step)?;
         let lag = check::non_negative("response_time", params.follower.response_time)?;
-        let observer = Observer::new(params.observer, lag)?;
+        if params.follower.facing == Facing::Path {
+            return Err(Error::FacingNotSupported);
+        }
+        let observer = Observer::new(params.observer, lag, params.follower.max_yaw_slip)?;
         let table = LateralTable::new(&params.weights, lag, params.step, params.max_speed)?;
         let solver = QuadraticParams { max_iterations: params.max_iterations, ..QuadraticParams::default() };
         let programme = |inputs| Programme::new(inputs, params.horizon, solver);
@@ -166,7 +169,9 @@ impl Mpc {
             since_shift: 0.0,
             report: None,
         };
-        Ok(Self::with_steering(params.follower, steering)?)
+        // The observer makes up for the slip; the follower must not do so again.
+        let follower = FollowerParams { max_yaw_slip: 0.0, ..params.follower };
+        Ok(Self::with_steering(follower, steering)?)
     }
 }
 
@@ -184,7 +189,8 @@ impl MpcSteering {
         let course = input.course;
         for (k, stage) in self.stages.iter_mut().enumerate() {
             let time = if k == 0 { input.dt } else { dt };
-            let wanted = planned_speed(input, s, dt + lag);
+            let top = input.profile.speed_at(s).min(top_speed(input.limits, input.gear));
+            let wanted = able_to_stop(top, course.section_end() - s, limits.deceleration, dt + lag);
             let wanted = if k == 0 { wanted.min(input.speed) } else { wanted };
             let rise = if told < 0.0 { limits.deceleration } else { limits.acceleration };
             told = wanted.clamp(told - limits.deceleration * time, told + rise * time);
@@ -228,14 +234,12 @@ impl MpcSteering {
 
 impl Steering for MpcSteering {
     fn twist(&mut self, input: &SteeringInput<'_>) -> Result<Twist2, TrackError> {
-        let errors = TrackingErrors::of(&mut self.observer, input)?;
+        let errors = TrackingErrors::of(&self.observer, input)?;
         let limits = input.limits;
         let turn = Turn::of(limits, input.gear);
         let sideways = limits.twist.lateral_speed;
         let which = usize::from(sideways > 0.0 && limits.steering.is_none());
         self.set_stages(input, &errors, &turn);
-        self.age += input.dt;
-        self.since_shift += input.dt;
 
         let p = self.params;
         let drives = input_limits(input, &turn, p.step);
@@ -281,8 +285,13 @@ impl Steering for MpcSteering {
         Ok(Twist2::new(speed, aside, turn.yaw_rate(speed, turned)))
     }
 
+    fn observe(&mut self, state: &VehicleState, dt: f64) {
+        self.observer.update(state, dt);
+        self.age += dt;
+        self.since_shift += dt;
+    }
+
     fn reset(&mut self) {
-        self.observer.reset();
         self.programmes.iter_mut().for_each(Programme::forget);
         (self.planned, self.since_shift) = (0, 0.0);
     }
@@ -309,5 +318,7 @@ mod tests {
         ] {
             assert!(Mpc::new(params).unwrap_err().to_string().starts_with(name), "{name}");
         }
+        let follower = FollowerParams { facing: Facing::Path, ..good.follower };
+        assert_eq!(Mpc::new(MpcParams { follower, ..good }).err(), Some(Error::FacingNotSupported));
     }
 }
