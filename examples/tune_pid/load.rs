@@ -72,9 +72,9 @@ pub(crate) fn run(args: &Args, out: &Path, report: &mut Report) -> Result<()> {
         .number("cost_ratio_mean", mean(&tuned.ratios))
         .number("cost_ratio_mean_without_sensing", mean(&blind.ratios))
         .number("cost_ratio_mean_fixed_gains", mean(&fixed.ratios))
-        .number("speed_error_mean_m_s", mean(&tuned.errors))
-        .number("speed_error_mean_m_s_without_sensing", mean(&blind.errors))
-        .number("speed_error_mean_m_s_fixed_gains", mean(&fixed.errors))
+        .number("speed_error_mean", mean(&tuned.errors))
+        .number("speed_error_mean_without_sensing", mean(&blind.errors))
+        .number("speed_error_mean_fixed_gains", mean(&fixed.errors))
         .number("cycle_ms_p99", timings.milliseconds(99.0));
     draw(out, &stages, &tuned, &fixed, &blind)
 }
