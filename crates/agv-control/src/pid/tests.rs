@@ -199,3 +199,20 @@ fn an_output_beyond_all_numbers_is_an_error_and_changes_nothing() {
     assert!(pid.update(1e10, 0.0, 0.1).is_err());
     assert_eq!(pid, Pid::new(*pid.params()).unwrap());
 }
+
+/// What is fed forward counts as it changes: the same output as of the positional form.
+#[test]
+fn both_forms_feed_forward_alike() {
+    let params =
+        PidParams { proportional: 2.0, integral: 1.0, derivative: 0.1, filter_time: 0.05, ..PidParams::default() };
+    let (mut positional, mut velocity) = (Pid::new(params).unwrap(), VelocityPid::new(params).unwrap());
+    for k in 0..100 {
+        let (y, f) = ((0.1 * f64::from(k)).sin(), (0.05 * f64::from(k)).cos());
+        let [a, b] =
+            [positional.update_with(0.5, y, f, 0.01), velocity.update_with(0.5, y, f, 0.01)].map(Result::unwrap);
+        assert!((a - b).abs() < 1e-12, "{k}: {a} {b}");
+    }
+    let before = velocity.clone();
+    assert!(velocity.update_with(0.5, 0.0, f64::NAN, 0.01).is_err());
+    assert_eq!(velocity, before);
+}

@@ -12,10 +12,10 @@ use agv_core::{
 /// A PID controller in velocity form: it computes changes of the output,
 ///
 /// ```text
-/// Δu = Kp Δ(β r - y) + Ki (r - y) dt - Kd Δ(dy/dt),      u = limited(u + Δu)
+/// Δu = Kp Δ(β r - y) + Ki (r - y) dt - Kd Δ(dy/dt) + Δf,      u = limited(u + Δu)
 /// ```
 ///
-/// and its memory is the output itself. It cannot wind up, and goes on without a bump from whatever output it is given
+/// with what is fed forward as `f`, and its memory is the output itself. It cannot wind up, and goes on without a bump from whatever output it is given
 /// ([`follow`](Self::follow)) and under new gains; [`PidParams::anti_windup`] has no meaning to it. It needs integral
 /// action, without which nothing ties the output to the set-point.
 ///
@@ -46,6 +46,8 @@ struct State {
     rate: f64,
     /// Last set-point and measurement; none after a reset.
     last: Option<(f64, f64)>,
+    /// What was fed forward last.
+    feed_forward: f64,
 }
 
 impl From<VelocityPid> for State {
@@ -59,7 +61,7 @@ impl TryFrom<State> for VelocityPid {
 
     fn try_from(state: State) -> Result<Self, Error> {
         let (set_point, measurement) = state.last.unwrap_or_default();
-        check::all_finite("PID state", &[state.rate, set_point, measurement])?;
+        check::all_finite("PID state", &[state.rate, set_point, measurement, state.feed_forward])?;
         check::in_range("PID output", state.output, state.params.output_min, state.params.output_max)?;
         Ok(Self { state, ..Self::new(state.params)? })
     }
@@ -80,7 +82,7 @@ impl VelocityPid {
     pub fn new(params: PidParams) -> Result<Self, Error> {
         validate(&params)?;
         let output = 0.0_f64.clamp(params.output_min, params.output_max);
-        Ok(Self { state: State { params, output, rate: 0.0, last: None }, timing: Timing::UNSET })
+        Ok(Self { state: State { params, output, rate: 0.0, last: None, feed_forward: 0.0 }, timing: Timing::UNSET })
     }
 
     /// Gains and limits.
@@ -113,6 +115,48 @@ impl VelocityPid {
         Ok(output)
     }
 
+    /// As [`update`](Controller::update), with the change of `feed_forward` since the last call added before the output is
+    /// limited; after a reset all of it is a change.
+    ///
+    /// # Errors
+    /// A value that is not finite, or a `dt` that is not positive; nothing is then changed.
+    #[inline]
+    pub fn update_with(
+        &mut self,
+        set_point: f64,
+        measurement: f64,
+        feed_forward: f64,
+        dt: f64,
+    ) -> Result<f64, ControlError> {
+        if dt != self.timing.dt {
+            self.set_timing(dt)?;
+        }
+        let (timing, state) = (&self.timing, &self.state);
+        let params = &state.params;
+        // The first call starts from rest: the whole proportional term is a change.
+        let (last_set_point, last_measurement) = state.last.unwrap_or((0.0, measurement));
+        let last_weighted = match state.last {
+            Some(_) => params.set_point_weight * last_set_point - last_measurement,
+            None => 0.0,
+        };
+        let rate = timing.rate(state.rate, measurement - last_measurement);
+        let change = params.proportional * (params.set_point_weight * set_point - measurement - last_weighted)
+            + timing.integral_step * (set_point - measurement)
+            - params.derivative * (rate - state.rate)
+            + (feed_forward - state.feed_forward);
+        let wanted = state.output + change;
+        if !wanted.is_finite() {
+            return Err(refusal(set_point, measurement, feed_forward, wanted));
+        }
+        let mut output = wanted;
+        if state.last.is_some() && timing.limits_rate {
+            output = at_most(at_least(output, state.output - timing.output_step), state.output + timing.output_step);
+        }
+        output = at_most(at_least(output, params.output_min), params.output_max);
+        self.state = State { output, rate, last: Some((set_point, measurement)), feed_forward, ..self.state };
+        Ok(output)
+    }
+
     #[cold]
     fn set_timing(&mut self, dt: f64) -> Result<(), Error> {
         self.timing = Timing::new(&self.state.params, dt)?;
@@ -128,36 +172,11 @@ fn validate(params: &PidParams) -> Result<(), Error> {
 impl Controller for VelocityPid {
     #[inline]
     fn update(&mut self, set_point: f64, measurement: f64, dt: f64) -> Result<f64, ControlError> {
-        if dt != self.timing.dt {
-            self.set_timing(dt)?;
-        }
-        let (timing, state) = (&self.timing, &self.state);
-        let params = &state.params;
-        // The first call starts from rest: the whole proportional term is a change.
-        let (last_set_point, last_measurement) = state.last.unwrap_or((0.0, measurement));
-        let last_weighted = match state.last {
-            Some(_) => params.set_point_weight * last_set_point - last_measurement,
-            None => 0.0,
-        };
-        let rate = timing.rate(state.rate, measurement - last_measurement);
-        let change = params.proportional * (params.set_point_weight * set_point - measurement - last_weighted)
-            + timing.integral_step * (set_point - measurement)
-            - params.derivative * (rate - state.rate);
-        let wanted = state.output + change;
-        if !wanted.is_finite() {
-            return Err(refusal(set_point, measurement, 0.0, wanted));
-        }
-        let mut output = wanted;
-        if state.last.is_some() && timing.limits_rate {
-            output = at_most(at_least(output, state.output - timing.output_step), state.output + timing.output_step);
-        }
-        output = at_most(at_least(output, params.output_min), params.output_max);
-        self.state = State { output, rate, last: Some((set_point, measurement)), ..self.state };
-        Ok(output)
+        self.update_with(set_point, measurement, 0.0, dt)
     }
 
     fn reset(&mut self) {
         let output = 0.0_f64.clamp(self.state.params.output_min, self.state.params.output_max);
-        self.state = State { output, rate: 0.0, last: None, ..self.state };
+        self.state = State { output, rate: 0.0, last: None, feed_forward: 0.0, ..self.state };
     }
 }

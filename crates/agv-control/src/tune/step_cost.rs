@@ -86,6 +86,71 @@ pub struct StepCost {
     plants: Vec<(StepTest, FrequencySweep)>,
 }
 
+impl StepCostParams {
+    /// Checks all fields.
+    ///
+    /// # Errors
+    /// The first weight or allowance that is negative or not finite.
+    pub fn validate(&self) -> Result<(), Error> {
+        for (name, value) in [
+            ("overshoot_allowed", self.overshoot_allowed),
+            ("overshoot_weight", self.overshoot_weight),
+            ("travel_weight", self.travel_weight),
+            ("energy_weight", self.energy_weight),
+            ("sensitivity_allowed", self.sensitivity_allowed),
+            ("sensitivity_weight", self.sensitivity_weight),
+        ] {
+            check::non_negative(name, value)?;
+        }
+        Ok(())
+    }
+
+    /// The cost of a response, of whatever loop: [`StepResponse::figures`](crate::step_response::StepResponse::figures) gives those
+    /// of plants that no step test can run. `sensitivity` is asked for only if it counts. Infinite for a loop that diverged,
+    /// never NaN.
+    ///
+    /// ```
+    /// use agv_control::pid::{Pid, PidParams};
+    /// use agv_control::plant::{DriveParams, DrivePlant};
+    /// use agv_control::step_response::{StepResponse, simulate_step};
+    /// use agv_control::tune::StepCostParams;
+    ///
+    /// // A drive with dry friction.
+    /// let mut drive = DrivePlant::new(DriveParams::default())?;
+    /// let params = StepCostParams { overshoot_weight: 10.0, ..StepCostParams::default() };
+    /// let mut cost = |proportional| {
+    ///     let mut pid = Pid::new(PidParams { proportional, integral: 100.0, ..PidParams::default() })?;
+    ///     let mut response = StepResponse::default();
+    ///     simulate_step(&mut drive, &mut pid, 1.0, 0.01, 3.0, &mut response)?;
+    ///     Ok::<_, agv_control::Error>(params.weigh(&response.figures(), || 1.0))
+    /// };
+    /// assert!(cost(10.0)? < cost(1.0)?);
+    /// # Ok::<(), agv_control::Error>(())
+    /// ```
+    pub fn weigh(&self, figures: &StepFigures, sensitivity: impl FnOnce() -> f64) -> f64 {
+        let criterion = match self.criterion {
+            Criterion::Itae => figures.itae,
+            Criterion::Iae => figures.iae,
+            Criterion::Ise => figures.ise,
+            Criterion::Itse => figures.itse,
+        };
+        // Infinite figures times a weight of zero would not be a number.
+        if criterion == f64::INFINITY {
+            return criterion;
+        }
+        let beyond = |value: f64, allowed: f64| (value - allowed).max(0.0);
+        let mut cost = criterion
+            + self.overshoot_weight * beyond(figures.overshoot, self.overshoot_allowed)
+            + self.travel_weight * figures.control_travel
+            + self.energy_weight * figures.control_energy;
+        if self.sensitivity_weight > 0.0 {
+            cost += self.sensitivity_weight * beyond(sensitivity(), self.sensitivity_allowed);
+        }
+        // Energies may overflow where the criterion does not.
+        comparable(cost)
+    }
+}
+
 impl StepCost {
     /// The step test of each plant, from rest.
     ///
@@ -93,16 +158,7 @@ impl StepCost {
     /// No plant, a weight or an allowance that is negative, or what [`StepTest::new`] refuses.
     pub fn new(plants: &[LinearPlant], test: StepTestParams, params: StepCostParams) -> Result<Self, Error> {
         check::at_least("plants", plants.len(), 1)?;
-        for (name, value) in [
-            ("overshoot_allowed", params.overshoot_allowed),
-            ("overshoot_weight", params.overshoot_weight),
-            ("travel_weight", params.travel_weight),
-            ("energy_weight", params.energy_weight),
-            ("sensitivity_allowed", params.sensitivity_allowed),
-            ("sensitivity_weight", params.sensitivity_weight),
-        ] {
-            check::non_negative(name, value)?;
-        }
+        params.validate()?;
         let prepare = |plant: &LinearPlant| {
             let sweep = FrequencySweep::new(plant, test.dt, test.filter_time)?;
             Ok((StepTest::new(plant, test)?, sweep))
@@ -116,27 +172,7 @@ impl StepCost {
     }
 
     fn weigh(&self, figures: &StepFigures, sweep: &FrequencySweep, gains: PidGains) -> f64 {
-        let p = &self.params;
-        let criterion = match p.criterion {
-            Criterion::Itae => figures.itae,
-            Criterion::Iae => figures.iae,
-            Criterion::Ise => figures.ise,
-            Criterion::Itse => figures.itse,
-        };
-        // Infinite figures times a weight of zero would not be a number.
-        if criterion == f64::INFINITY {
-            return criterion;
-        }
-        let beyond = |value: f64, allowed: f64| (value - allowed).max(0.0);
-        let mut cost = criterion
-            + p.overshoot_weight * beyond(figures.overshoot, p.overshoot_allowed)
-            + p.travel_weight * figures.control_travel
-            + p.energy_weight * figures.control_energy;
-        if p.sensitivity_weight > 0.0 {
-            cost += p.sensitivity_weight * beyond(sweep.margins(gains).sensitivity, p.sensitivity_allowed);
-        }
-        // Energies may overflow where the criterion does not.
-        comparable(cost)
+        self.params.weigh(figures, || sweep.margins(gains).sensitivity)
     }
 }
 
