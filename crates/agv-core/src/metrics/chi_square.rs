@@ -42,11 +42,7 @@ pub fn chi_square_quantile(degrees: f64, probability: f64) -> Result<f64, Error>
     let mut x = 0.5 * (low + high);
     for _ in 0..200 {
         let excess = regularised_gamma(a, x) - probability;
-        if excess > 0.0 {
-            high = x
-        } else {
-            low = x
-        }
+        (low, high) = if excess > 0.0 { (low, x) } else { (x, high) };
         let density = ((a - 1.0) * x.ln() - x - ln_gamma(a)).exp();
         let newton = x - excess / density;
         let next = if newton > low && newton < high { newton } else { 0.5 * (low + high) };
