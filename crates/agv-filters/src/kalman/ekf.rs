@@ -54,6 +54,10 @@ pub struct Ekf<X, const N: usize> {
     belief: GaussianBelief<X, N>,
 }
 
+/// Kalman's filter: an [`Ekf`] whose state is a vector, to be used with [`LinearProcess`](super::LinearProcess) and
+/// [`LinearMeasurement`](super::LinearMeasurement).
+pub type KalmanFilter<const N: usize> = Ekf<SVector<f64, N>, N>;
+
 impl<X: Manifold<N>, const N: usize> Ekf<X, N> {
     /// A filter that starts at a state with this covariance.
     ///

@@ -1,6 +1,9 @@
 //! What a reading said that the filter did not know, and what became of it.
 
-use super::{Manifold, MeasurementModel, matrix::Ldl};
+use super::{
+    Manifold, MeasurementModel,
+    matrix::{self, Ldl},
+};
 use agv_core::{
     Error, check,
     roles::{SkipReason, UpdateOutcome, UpdateReport},
@@ -22,11 +25,12 @@ pub struct Innovation<const M: usize> {
 }
 
 impl<const M: usize> Innovation<M> {
-    /// Logarithm of the reading's likelihood: by its density, `-½ (ν² + ln det S + M ln 2π)`. What hypotheses are weighed with.
-    /// Components that are masked add a constant. -∞ if `S` is singular.
+    /// Logarithm of the reading's likelihood: by its density, `-½ (NIS + ln det S + k ln 2π)`, with `k` degrees of freedom.
+    /// What hypotheses are weighed with. -∞ if `S` is singular.
     pub fn log_likelihood(&self) -> f64 {
-        Ldl::new("innovation", &self.covariance)
-            .map_or(f64::NEG_INFINITY, |factor| -0.5 * (self.nis + factor.log_determinant() + M as f64 * TAU.ln()))
+        Ldl::new("innovation", &self.covariance).map_or(f64::NEG_INFINITY, |factor| {
+            -0.5 * (self.nis + factor.log_determinant() + self.degrees as f64 * TAU.ln())
+        })
     }
 }
 
@@ -75,26 +79,48 @@ impl<const N: usize, const M: usize> Surprise<N, M> {
     ) -> Result<Self, Error> {
         let expected = model.linearize(state);
         let residual = model.residual(measured, &expected.value);
-        let cross = super::matrix::times_transposed(covariance, &expected.jacobian);
-        let spread = super::matrix::product_plus(&expected.jacobian, &cross, &expected.noise);
-        Self::of(residual, spread, cross, expected.jacobian, expected.noise, model.degrees())
+        Self::of(residual, expected.jacobian, expected.noise, covariance, model.degrees())
+    }
+
+    /// The same, linearised at `state ⊞ increment`; the covariance and the Jacobian are those of increments at `state`.
+    pub(super) fn after<X: Manifold<N>, H: MeasurementModel<X, N, M>>(
+        state: &X,
+        increment: &SVector<f64, N>,
+        covariance: &SMatrix<f64, N, N>,
+        model: &H,
+        measured: &H::Value,
+    ) -> Result<Self, Error> {
+        let expected = model.linearize(&state.boxplus(increment));
+        let residual = model.residual(measured, &expected.value);
+        let jacobian = match X::reset_jacobian(increment) {
+            Some(reset) => expected.jacobian * reset,
+            None => expected.jacobian,
+        };
+        Self::of(residual, jacobian, expected.noise, covariance, model.degrees())
     }
 
     #[inline]
     fn of(
         residual: SVector<f64, M>,
-        covariance: SMatrix<f64, M, M>,
-        cross: SMatrix<f64, N, M>,
         jacobian: SMatrix<f64, M, N>,
         noise: SMatrix<f64, M, M>,
+        covariance: &SMatrix<f64, N, N>,
         degrees: usize,
     ) -> Result<Self, Error> {
-        if !super::matrix::is_finite(&residual) {
+        if !matrix::is_finite(&residual) {
             return Err(Error::NotFinite { name: "innovation", value: residual.sum() });
         }
-        let factor = Ldl::new("covariance of the innovation", &covariance)?;
+        let cross = matrix::times_transposed(covariance, &jacobian);
+        let spread = matrix::product_plus(&jacobian, &cross, &noise);
+        let factor = Ldl::new("covariance of the innovation", &spread)?;
         // A residual that is finite may have a square that is not.
         let nis = check::finite("normalised innovation squared", factor.squared_norm(&residual))?;
-        Ok(Self { innovation: Innovation { residual, covariance, nis, degrees }, cross, jacobian, noise, factor })
+        Ok(Self {
+            innovation: Innovation { residual, covariance: spread, nis, degrees },
+            cross,
+            jacobian,
+            noise,
+            factor,
+        })
     }
 }

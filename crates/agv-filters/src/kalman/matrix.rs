@@ -138,6 +138,28 @@ impl<const M: usize> Ldl<M> {
         Ok(Self { lower, pivots, reciprocals })
     }
 
+    /// Factors a matrix that may be singular: a pivot that is no more than rounding counts as zero, and so does its
+    /// reciprocal, so that dividing leaves out what the matrix says nothing of.
+    pub(super) fn of_semidefinite(matrix: &SMatrix<f64, M, M>) -> Self {
+        let mut lower = *matrix;
+        let (mut pivots, mut reciprocals) = (SVector::zeros(), SVector::zeros());
+        for j in 0..M {
+            let pivot = lower[(j, j)];
+            let reciprocal = if pivot > 1e-12 * matrix[(j, j)] { 1.0 / pivot } else { 0.0 };
+            (pivots[j], reciprocals[j]) = (pivot, reciprocal);
+            for i in j + 1..M {
+                let factor = lower[(i, j)] * reciprocal;
+                for k in j + 1..=i {
+                    lower[(i, k)] -= factor * lower[(k, j)];
+                }
+            }
+            for i in j + 1..M {
+                lower[(i, j)] *= reciprocal;
+            }
+        }
+        Self { lower, pivots, reciprocals }
+    }
+
     /// `vᵀ S⁻¹ v`.
     #[inline]
     pub(super) fn squared_norm(&self, v: &SVector<f64, M>) -> f64 {

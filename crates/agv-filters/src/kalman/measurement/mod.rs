@@ -1,14 +1,20 @@
 //! What a sensor reads of a state: measurement models.
 
+mod components;
 mod landmark;
 mod linear;
+mod masked;
+mod planar;
 
 use super::{Manifold, matrix::Ldl};
 use nalgebra::{SMatrix, SVector};
 use std::f64::consts::TAU;
 
+pub use components::Components;
 pub use landmark::Landmark;
 pub use linear::LinearMeasurement;
+pub use masked::Masked;
+pub use planar::{PoseReading, PositionReading, YawReading};
 
 /// A reading that is expected, with what the filters need to know of it.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -89,7 +95,7 @@ pub trait MeasurementModel<X: Manifold<N>, const N: usize, const M: usize> {
     fn log_likelihood(&self, state: &X, measured: &Self::Value) -> f64 {
         let residual = self.residual(measured, &self.predict(state));
         Ldl::new("noise", &self.noise(state)).map_or(f64::NAN, |factor| {
-            -0.5 * (factor.squared_norm(&residual) + factor.log_determinant() + M as f64 * TAU.ln())
+            -0.5 * (factor.squared_norm(&residual) + factor.log_determinant() + self.degrees() as f64 * TAU.ln())
         })
     }
 }

@@ -1,6 +1,9 @@
 //! How a state moves: process models.
 
 mod arc;
+mod bicycle;
+mod constant_turn;
+mod linear;
 mod unicycle;
 
 use super::Manifold;
@@ -8,6 +11,9 @@ use agv_core::compute::Stream;
 use nalgebra::{SMatrix, SVector};
 use rand_distr::{Distribution, StandardNormal};
 
+pub use bicycle::{Bicycle, BicycleParams, SteeredMotion};
+pub use constant_turn::{ConstantTurn, ConstantTurnParams, TurningState};
+pub use linear::LinearProcess;
 pub use unicycle::{Unicycle, UnicycleParams};
 
 /// A state that moved, with what the filters need to know of the motion.
