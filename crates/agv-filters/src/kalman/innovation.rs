@@ -70,7 +70,8 @@ pub(super) struct Surprise<const N: usize, const M: usize> {
 
 impl<const N: usize, const M: usize> Surprise<N, M> {
     /// The reading against a Gaussian, by the model's Jacobian.
-    #[inline]
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "the model's constants fold only here")]
     pub(super) fn new<X: Manifold<N>, H: MeasurementModel<X, N, M>>(
         state: &X,
         covariance: &SMatrix<f64, N, N>,
@@ -99,7 +100,8 @@ impl<const N: usize, const M: usize> Surprise<N, M> {
         Self::of(residual, jacobian, expected.noise, covariance, model.degrees())
     }
 
-    #[inline]
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "as above")]
     fn of(
         residual: SVector<f64, M>,
         jacobian: SMatrix<f64, M, N>,

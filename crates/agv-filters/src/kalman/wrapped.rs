@@ -2,8 +2,8 @@
 
 use super::{Manifold, PlanarState};
 use crate::particle::ParticleState;
-use agv_core::geometry::wrap_angle;
-use nalgebra::{SMatrix, SVector, Vector2};
+use agv_core::geometry::{Se2, wrap_angle};
+use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 use std::ops::Deref;
 
 /// `N` reals of which those whose bit is set in `ANGLES` are angles, kept in (-π, π].
@@ -74,6 +74,13 @@ impl<const N: usize, const ANGLES: u32> From<Wrapped<N, ANGLES>> for SVector<f64
     }
 }
 
+impl From<Se2> for PlanarPose {
+    #[inline]
+    fn from(pose: Se2) -> Self {
+        Self::from(Vector3::new(pose.x(), pose.y(), pose.yaw()))
+    }
+}
+
 impl<const N: usize, const ANGLES: u32> Deref for Wrapped<N, ANGLES> {
     type Target = SVector<f64, N>;
 
@@ -86,7 +93,7 @@ impl<const N: usize, const ANGLES: u32> Deref for Wrapped<N, ANGLES> {
 impl<const N: usize, const ANGLES: u32> ParticleState for Wrapped<N, ANGLES> {
     #[inline]
     fn is_finite(&self) -> bool {
-        self.0.iter().all(|value| value.is_finite())
+        super::matrix::is_finite(&self.0)
     }
 }
 
@@ -129,7 +136,7 @@ impl<const N: usize, const ANGLES: u32> PlanarState<N> for Wrapped<N, ANGLES> {
 mod tests {
     use super::*;
     use crate::kalman::laws;
-    use nalgebra::{Vector3, Vector4};
+    use nalgebra::Vector4;
     use proptest::prelude::*;
 
     proptest! {

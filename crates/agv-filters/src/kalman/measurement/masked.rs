@@ -14,13 +14,13 @@ use nalgebra::{SMatrix, SVector};
 ///
 /// ```
 /// use agv_core::geometry::Se2;
-/// use agv_core::nalgebra::Matrix3;
+/// use agv_core::nalgebra::{Matrix3, Vector3};
 /// use agv_filters::kalman::{Ekf, Gate, Masked, PoseReading};
 ///
 /// let pose = PoseReading::new(Matrix3::identity() * 1e-4)?;
 /// let heading_only = Masked::new(pose, [false, false, true])?;
 /// let mut ekf = Ekf::new(Se2::default(), Matrix3::identity() * 1e-4)?;
-/// let seen = ekf.update(&heading_only, &Se2::new(f64::NAN, 7.0, 0.02), &Gate::OPEN)?;
+/// let seen = ekf.update(&heading_only, &Vector3::new(f64::NAN, 7.0, 0.02).into(), &Gate::OPEN)?;
 /// assert_eq!((ekf.state().x(), seen.innovation.degrees), (0.0, 1));
 /// assert!((ekf.state().yaw() - 0.01).abs() < 1e-12);
 /// # Ok::<(), agv_core::Error>(())

@@ -1,7 +1,7 @@
 //! Readings of the pose in the plane, or of a part of it: heading, position, pose.
 
 use super::MeasurementModel;
-use crate::kalman::PlanarState;
+use crate::kalman::{Manifold, PlanarPose, PlanarState};
 use agv_core::{
     Error, check,
     geometry::{LieGroup, Se2, UncertainPose, UncertainVector, angle_difference},
@@ -137,11 +137,12 @@ impl PoseReading {
 }
 
 impl<X: PlanarState<N>, const N: usize> MeasurementModel<X, N, 3> for PoseReading {
-    type Value = Se2;
+    type Value = PlanarPose;
 
     #[inline]
-    fn predict(&self, state: &X) -> Se2 {
-        state.pose()
+    fn predict(&self, state: &X) -> PlanarPose {
+        let position = state.position();
+        PlanarPose::from(Vector3::new(position.x, position.y, state.yaw()))
     }
 
     #[inline]
@@ -155,16 +156,15 @@ impl<X: PlanarState<N>, const N: usize> MeasurementModel<X, N, 3> for PoseReadin
     }
 
     #[inline]
-    fn residual(&self, measured: &Se2, expected: &Se2) -> Vector3<f64> {
-        let (moved, turned) = (measured.translation() - expected.translation(), expected.between(measured).yaw());
-        Vector3::new(moved.x, moved.y, turned)
+    fn residual(&self, measured: &PlanarPose, expected: &PlanarPose) -> Vector3<f64> {
+        measured.boxminus(expected)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kalman::{Ekf, Gate, PlanarPose, PoseFilter, PoseFilterParams, TurningState, laws};
+    use crate::kalman::{Ekf, Gate, PoseFilter, PoseFilterParams, TurningState, laws};
     use agv_core::{
         roles::{Correct, Localizer, PoseBelief},
         sensors::PoseObservation,
@@ -209,7 +209,7 @@ mod tests {
         special.update(&PoseObservation::new(Stamp::default(), seen)).unwrap();
         let expected = special.estimate().unwrap().pose;
         let mut ekf = Ekf::new(start, spread).unwrap();
-        ekf.update(&PoseReading::of(&seen), seen.mean(), &Gate::OPEN).unwrap();
+        ekf.update(&PoseReading::of(&seen), &(*seen.mean()).into(), &Gate::OPEN).unwrap();
         assert!(ekf.state().minus(expected.mean()).amax() < 2e-5);
         assert!((ekf.covariance() - expected.covariance()).amax() < 1e-6);
     }

@@ -83,7 +83,8 @@ impl ProcessModel<TurningState, 5> for ConstantTurn {
         self.linearize(state, &(), dt).noise
     }
 
-    #[inline]
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "the Jacobian's zeros and ones fold only in the filter")]
     fn linearize(&self, state: &TurningState, (): &(), dt: f64) -> Transition<TurningState, 5> {
         let (speed, yaw, rate) = (state[Self::SPEED], state[Self::YAW], state[Self::YAW_RATE]);
         let arc = Arc::new(yaw, &Twist2::new(speed, 0.0, rate), dt);

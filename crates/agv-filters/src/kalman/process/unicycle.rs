@@ -99,18 +99,22 @@ impl ProcessModel<PlanarPose, 3> for Unicycle {
         ProcessModel::<PlanarPose, 3>::linearize(self, pose, twist, dt).noise
     }
 
-    #[inline]
+    #[inline(always)]
+    #[expect(clippy::inline_always, reason = "the Jacobian's zeros and ones fold only in the filter")]
     fn linearize(&self, pose: &PlanarPose, twist: &Twist2, dt: f64) -> Transition<PlanarPose, 3> {
         let arc = Arc::new(pose[2], twist, dt);
         let (turn, forward, left, rate) = (arc.by_yaw(), arc.by_forward, arc.by_left(), arc.by_yaw_rate);
         let state =
             Wrapped::from(Vector3::new(pose[0] + arc.moved.x, pose[1] + arc.moved.y, pose[2] + twist.yaw_rate * dt));
         let jacobian = Matrix3::new(1.0, 0.0, turn.x, 0.0, 1.0, turn.y, 0.0, 0.0, 1.0);
-        // Velocities with the variance `growth / dt` over the step; the quotient goes into the derivatives, for `dt = 0`.
-        let growth = self.growth(twist);
-        let by_twist = Matrix3::new(forward.x, left.x, rate.x, forward.y, left.y, rate.y, 0.0, 0.0, dt);
+        // Velocities with the variance `growth / dt` over the step; two of them move the position only.
         let noise = if dt > 0.0 {
-            noise_from_inputs(&by_twist, &Matrix3::from_diagonal(&(growth / dt)))
+            let growth = self.growth(twist) * (1.0 / dt);
+            let (f, l, r) = (forward * growth.x, left * growth.y, rate * growth.z);
+            let xy = f.x * forward.y + l.x * left.y + r.x * rate.y;
+            let (xx, yy) =
+                (f.x * forward.x + l.x * left.x + r.x * rate.x, f.y * forward.y + l.y * left.y + r.y * rate.y);
+            Matrix3::new(xx, xy, r.x * dt, xy, yy, r.y * dt, r.x * dt, r.y * dt, growth.z * dt * dt)
         } else {
             Matrix3::zeros()
         };
