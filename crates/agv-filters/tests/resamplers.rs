@@ -75,7 +75,9 @@ fn copies_vary_as_promised() {
             resampler.resample(&weights, &mut Seed(16).stream(round, 0), &mut ancestors);
             assert!(ancestors.is_sorted(), "{name}");
             let mut copies = vec![0_u32; count];
-            ancestors.iter().for_each(|&ancestor| copies[ancestor as usize] += 1);
+            for &ancestor in &ancestors {
+                copies[ancestor as usize] += 1;
+            }
             for (i, &copies) in copies.iter().enumerate() {
                 let (copies, expected) = (f64::from(copies), weights[i] * count as f64);
                 let range = match name {

@@ -33,7 +33,9 @@ pub use resample::{Multinomial, Resampler, Residual, Stratified, Systematic};
 pub use resample_policy::{And, EffectiveSampleSizeBelow, EntropyBelow, EveryNth, Or, ResampleContext, ResamplePolicy};
 pub use sample_size::{SameSize, SampleSize};
 pub use sensor::{
-    LikelihoodFieldModel, LikelihoodFieldModelParams, PerPose, PoseLikelihood, ScanForm, SensorModel, WeighParticles,
+    BeamFit, BeamModel, BeamModelParams, BeamSample, BeamSkipping, BeamSkippingParams, LandmarkModel,
+    LandmarkModelParams, LikelihoodFieldModel, LikelihoodFieldModelParams, MarkerModel, MarkerModelParams, MaxBeams,
+    NdtMapModel, NdtMapModelParams, PerPose, PoseLikelihood, ScanForm, SensorModel, Sensors, WeighParticles,
 };
 pub use set::{ParticleSet, ParticleState};
 pub use update_policy::{MotionThreshold, UpdateContext, UpdatePolicy};
