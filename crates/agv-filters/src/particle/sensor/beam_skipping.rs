@@ -6,7 +6,11 @@
 //! `threshold` are masked, and the others weigh (`do_beamskip` of `nav2_amcl`'s `likelihood_field_prob`). If nearly all beams
 //! would go, the set has rather converged on a wrong place: then all weigh.
 
-use super::{MaxBeams, WeighParticles, beams::evenly_spread};
+use super::{
+    MaxBeams, WeighParticles,
+    beams::evenly_spread,
+    end_points::{BLOCK, EndPoints, Raster},
+};
 use agv_core::{
     Error, check,
     compute::{CHUNK, Par},
@@ -17,6 +21,7 @@ use agv_core::{
     time::Stamp,
 };
 use nalgebra::Vector2;
+use pulp::{Arch, Simd, WithSimd};
 use std::sync::Arc;
 
 /// When [`BeamSkipping`] leaves a beam out.
@@ -89,8 +94,9 @@ pub struct BeamSkipping<S> {
     model: S,
     params: BeamSkippingParams,
     near: Arc<NearObstacles>,
-    /// Hits that are used: beam, and end point in the base frame, in cells.
-    ends: Vec<(usize, [f32; 2])>,
+    /// Beams of the hits that are used, and their end points.
+    hits: Vec<usize>,
+    ends: EndPoints,
     /// Particles that explain each of them, chunk by chunk.
     counts: Vec<u32>,
     keep: Vec<bool>,
@@ -102,10 +108,7 @@ pub struct BeamSkipping<S> {
 #[derive(Debug)]
 struct NearObstacles {
     cells: Vec<u8>,
-    stride: usize,
-    last: [f32; 2],
-    grid_from_map: Se2,
-    cells_per_metre: f64,
+    raster: Raster,
 }
 
 impl NearObstacles {
@@ -127,26 +130,43 @@ impl NearObstacles {
         }
         let params = DistanceParams { max_distance: Some(distance), ..Default::default() };
         let distances = DistanceTransform::new(params)?.compute(&padded)?;
-        Ok(Self {
-            cells: distances.values().iter().map(|&near| u8::from(f64::from(near) < distance)).collect(),
-            stride: wider.width(),
-            last: [(wider.width() - 1) as f32, (wider.height() - 1) as f32],
+        let raster = Raster {
             grid_from_map: wider.map_from_grid().inverse(),
             cells_per_metre: layout.resolution().recip(),
+            stride: wider.width() as u32,
+            last: [(wider.width() - 1) as f32, (wider.height() - 1) as f32],
+        };
+        Ok(Self {
+            cells: distances.values().iter().map(|&near| u8::from(f64::from(near) < distance)).collect(),
+            raster,
         })
     }
+}
 
-    /// Adds one to the count of every end point that lies near an obstacle if the vehicle is at the pose.
-    fn count(&self, map_from_base: &Se2, ends: &[(usize, [f32; 2])], counts: &mut [u32]) {
-        let in_grid = self.grid_from_map.compose(map_from_base);
-        let x = (in_grid.x() * self.cells_per_metre) as f32;
-        let y = (in_grid.y() * self.cells_per_metre) as f32;
-        let (cos, sin) = (in_grid.rotation().cos() as f32, in_grid.rotation().sin() as f32);
-        for ((_, [bx, by]), count) in ends.iter().zip(counts) {
-            // The conversion takes what is below zero to the first column or row, the minimum NaN to the last.
-            let column = (x + (cos * bx - sin * by)).min(self.last[0]) as usize;
-            let row = (y + (sin * bx + cos * by)).min(self.last[1]) as usize;
-            *count += u32::from(self.cells[row * self.stride + column]);
+/// Counts, for every end point, the poses that put it near an obstacle; compiled once for each instruction set.
+struct Count<'a> {
+    near: &'a NearObstacles,
+    ends: &'a EndPoints,
+    poses: &'a [Se2],
+    counts: &'a mut [u32],
+}
+
+impl WithSimd for Count<'_> {
+    type Output = ();
+
+    #[expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set")]
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let NearObstacles { cells, raster } = self.near;
+        for pose in self.poses {
+            let at = raster.place(pose);
+            for ((block, _), counts) in self.ends.blocks().zip(self.counts.chunks_mut(BLOCK)) {
+                // From a cell's lower left corner to its middle.
+                let indices = raster.nearest_corners(&at.act(block, -0.5));
+                for (count, index) in counts.iter_mut().zip(indices) {
+                    *count += u32::from(cells[index as usize]);
+                }
+            }
         }
     }
 }
@@ -162,7 +182,8 @@ impl<S: MaxBeams> BeamSkipping<S> {
         let most = model.max_beams().min(LaserScan::MAX_BEAMS);
         Ok(Self {
             near: Arc::new(NearObstacles::new(map, params.distance)?),
-            ends: Vec::with_capacity(most),
+            hits: Vec::with_capacity(most.min(1 << 12)),
+            ends: EndPoints::with_capacity(most),
             counts: Vec::new(),
             keep: Vec::new(),
             masked: LaserScan::new(Stamp::default(), ScanGeometry::default(), Vec::new())?,
@@ -201,12 +222,14 @@ impl<S: MaxBeams> BeamSkipping<S> {
     /// Marks the beams that enough poses explain; whether some are to be left out.
     fn choose(&mut self, scan: &LaserScan, poses: &[Se2], par: Par) -> bool {
         let geometry = scan.geometry();
+        self.hits.clear();
         self.ends.clear();
         for index in evenly_spread(scan.len(), self.model.max_beams()) {
             if let Beam::Hit(range) = scan.interpret(scan.ranges()[index]) {
                 let (sin, cos) = geometry.angle(index).sin_cos();
-                let end = geometry.base_from_sensor.act(&[range * cos, range * sin].into()) * self.near.cells_per_metre;
-                self.ends.push((index, [end.x as f32, end.y as f32]));
+                let end = geometry.base_from_sensor.act(&[range * cos, range * sin].into());
+                self.ends.push(&(end * self.near.raster.cells_per_metre));
+                self.hits.push(index);
             }
         }
         let (beams, near, ends) = (self.ends.len(), &*self.near, &self.ends);
@@ -215,19 +238,19 @@ impl<S: MaxBeams> BeamSkipping<S> {
         }
         self.counts.clear();
         self.counts.resize(beams * poses.len().div_ceil(CHUNK), 0);
+        let arch = Arch::new();
         par.for_each_chunk(self.counts.as_mut_slice(), beams, |chunk, counts: &mut [u32]| {
-            for pose in poses.iter().skip(chunk * CHUNK).take(CHUNK) {
-                near.count(pose, ends, counts);
-            }
+            let last = (chunk * CHUNK + CHUNK).min(poses.len());
+            arch.dispatch(Count { near, ends, poses: &poses[chunk * CHUNK..last], counts });
         });
         self.keep.clear();
         self.keep.resize(scan.len(), true);
         let least = self.params.threshold * poses.len() as f64;
         let mut skipped = 0;
-        for (k, (index, _)) in self.ends.iter().enumerate() {
+        for (k, &index) in self.hits.iter().enumerate() {
             let explaining: u32 = self.counts.iter().skip(k).step_by(beams).sum();
             if f64::from(explaining) <= least {
-                self.keep[*index] = false;
+                self.keep[index] = false;
                 skipped += 1;
             }
         }

@@ -7,6 +7,7 @@
 mod beam;
 mod beam_skipping;
 mod beams;
+mod end_points;
 mod landmark;
 mod likelihood_field;
 mod marker;
