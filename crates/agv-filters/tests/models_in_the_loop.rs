@@ -141,8 +141,7 @@ fn with_landmarks(named: bool, seed: u64) -> Errors {
                 if world.random::<f64>() < 0.1 {
                     reading = Vector2::new(8.0 * world.random::<f64>(), 6.0 * world.random::<f64>() - 3.0);
                 }
-                let measured = UncertainVector::from_sigmas(reading.map(f64::abs), &sigmas).unwrap();
-                let measured = UncertainVector::new(Vector2::new(measured.mean().x, reading.y), *measured.covariance());
+                let measured = UncertainVector::from_sigmas(Vector2::new(reading.x.abs(), reading.y), &sigmas);
                 let seen = LandmarkObservation::new(Stamp::default(), named.then_some(*id), measured.unwrap());
                 (bearing.abs() < 2.0).then(|| seen.unwrap().with_mount(mount).unwrap())
             })
