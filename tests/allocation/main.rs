@@ -7,6 +7,7 @@ mod frames_and_solvers;
 mod grids;
 mod localization;
 mod mapping;
+mod particle_models;
 mod planning;
 #[path = "../scenes/mod.rs"]
 mod scenes;

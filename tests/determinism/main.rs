@@ -7,6 +7,7 @@
 mod digest;
 mod grids;
 mod localization;
+mod particle_models;
 mod sensing;
 mod threads;
 mod tuning;

@@ -1,6 +1,8 @@
 //! Small worlds that the acceptance tests share.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
+pub(crate) mod models;
+
 use agv_nav::core::nalgebra::Matrix3;
 use agv_nav::core::{
     compute::{Par, Seed},

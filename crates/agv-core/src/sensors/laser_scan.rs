@@ -152,6 +152,13 @@ impl LaserScan {
         Ok(())
     }
 
+    /// Becomes a copy of `other` in which the beams that are not kept say nothing, in this scan's memory.
+    pub fn copy_masked(&mut self, other: &Self, mut keep: impl FnMut(usize) -> bool) {
+        (self.stamp, self.geometry) = (other.stamp, other.geometry);
+        self.ranges.clear();
+        self.ranges.extend(other.ranges.iter().enumerate().map(|(i, &range)| if keep(i) { range } else { f32::NAN }));
+    }
+
     /// Time of the first beam.
     pub const fn stamp(&self) -> Stamp {
         self.stamp
@@ -254,6 +261,17 @@ mod tests {
         let before = scan.clone();
         assert!(scan.refill(Stamp::default(), vec![1.0; LaserScan::MAX_BEAMS + 1].into_iter()).is_err());
         assert_eq!(scan, before);
+    }
+
+    #[test]
+    fn a_masked_copy_keeps_what_it_is_told_to() {
+        let geometry = ScanGeometry { sensor: SensorId(3), ..Default::default() };
+        let full = LaserScan::new(Stamp::from_seconds(1.0), geometry, vec![1.0, 2.0, 3.0, f32::INFINITY]).unwrap();
+        let mut masked = LaserScan::new(Stamp::default(), ScanGeometry::default(), vec![9.0; 7]).unwrap();
+        masked.copy_masked(&full, |beam| beam % 2 == 1);
+        assert_eq!((masked.stamp(), masked.geometry()), (full.stamp(), full.geometry()));
+        let beams: Vec<Beam> = masked.beams().map(|(_, beam)| beam).collect();
+        assert_eq!(beams, [Beam::Invalid, Beam::Hit(2.0), Beam::Invalid, Beam::NoReturn]);
     }
 
     #[test]

@@ -175,17 +175,43 @@ impl RayCaster {
         ranges: &mut [f32],
         par: Par,
     ) {
-        let grid_from_sensor = self.layout.map_from_grid().between(map_from_sensor);
-        let resolution = self.layout.resolution();
-        let (origin, length) = (grid_from_sensor.translation() / resolution, max_range / resolution);
+        let cast = self.from_pose(map_from_sensor, max_range);
         let len = ranges.len().min(directions.len());
         par.for_each_chunk((&mut ranges[..len], &directions[..len]), CHUNK, |_, (ranges, directions)| {
             for (range, direction) in ranges.iter_mut().zip(directions) {
-                let ray = Ray::new(origin, grid_from_sensor.rotation().act(direction), length);
-                let hit = ray.and_then(|ray| self.run(&ray, Some(self.wedges.of(&ray))));
-                *range = hit.map_or(f32::INFINITY, |hit| hit.range as f32);
+                *range = cast(direction).map_or(f32::INFINITY, |hit| hit.range as f32);
             }
         });
+    }
+
+    /// First obstacles within `max_range` metres of a sensor at `map_from_sensor`, by unit vectors of the sensor frame: what
+    /// the beams of one scan have in common is done once.
+    ///
+    /// ```
+    /// use agv_core::geometry::Se2;
+    /// use agv_core::grid::{Cell, CellState, Grid, GridLayout, RayCastParams, RayCaster};
+    /// use agv_core::nalgebra::Vector2;
+    ///
+    /// let mut map = Grid::filled(GridLayout::new(100, 100, 0.05, Se2::default())?, CellState::Free);
+    /// map.set(Cell::new(60, 20), CellState::Occupied);
+    /// let caster = RayCaster::new(&map, RayCastParams::default())?;
+    /// let cast = caster.from_pose(&Se2::new(1.0, 1.01, 0.0), 10.0);
+    /// assert_eq!(cast(&Vector2::x()).map(|hit| hit.cell), Some(Cell::new(60, 20)));
+    /// assert_eq!(cast(&Vector2::y()), None);
+    /// # Ok::<(), agv_core::Error>(())
+    /// ```
+    pub fn from_pose(
+        &self,
+        map_from_sensor: &Se2,
+        max_range: f64,
+    ) -> impl Fn(&Vector2<f64>) -> Option<RayHit> + Sync + '_ {
+        let grid_from_sensor = self.layout.map_from_grid().between(map_from_sensor);
+        let resolution = self.layout.resolution();
+        let (origin, length) = (grid_from_sensor.translation() / resolution, max_range / resolution);
+        move |direction| {
+            let ray = Ray::new(origin, grid_from_sensor.rotation().act(direction), length)?;
+            self.run(&ray, Some(self.wedges.of(&ray)))
+        }
     }
 
     /// Follows a ray, skipping what the table says is free.

@@ -16,7 +16,7 @@ mod table;
 #[cfg(test)]
 mod tests;
 
-use super::{PoseLikelihood, SensorModel, weigh_per_pose};
+use super::{MaxBeams, PoseLikelihood, SensorModel, weigh_per_pose};
 use agv_core::{
     Error,
     geometry::LieGroup,
@@ -120,3 +120,9 @@ impl SensorModel<LaserScan> for LikelihoodFieldModel {
 }
 
 weigh_per_pose!(LikelihoodFieldModel: LaserScan);
+
+impl MaxBeams for LikelihoodFieldModel {
+    fn max_beams(&self) -> usize {
+        self.params.max_beams
+    }
+}
