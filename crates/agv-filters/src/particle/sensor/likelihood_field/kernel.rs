@@ -130,18 +130,22 @@ impl<const P: usize> Block<P> {
             let (x, y, cos, sin) = (self.x[lane], self.y[lane], self.cos[lane], self.sin[lane]);
             low = [low[0].min(order(x)), low[1].min(order(y))];
             high = [high[0].max(order(x)), high[1].max(order(y))];
-            norm = norm.max(order(cos * cos + sin * sin));
+            // What is not a number may carry a sign.
+            norm = norm.max(order((cos * cos + sin * sin).abs()));
         }
         let [low, high] = [low, high].map(|bounds| bounds.map(|bits| f32::from_bits(bits as u32)));
         let spans = [low[0], low[1], table.last[0] - high[0], table.last[1] - high[1]];
         let is_rotation = f32::from_bits(norm as u32) <= 1.001;
-        // `min` would pass over what is not a number.
-        spans.into_iter().fold(
-            if is_rotation { f32::INFINITY } else { -1.0 },
-            |room, span| {
-                if span >= room { room } else { span }
-            },
-        )
+        spans.into_iter().fold(if is_rotation { f32::INFINITY } else { -1.0 }, |room, span| {
+            if room <= span {
+                room
+            } else if span < room {
+                span
+            } else {
+                // One of them is not a number, which `min` would pass over.
+                f32::NAN
+            }
+        })
     }
 
     /// Where in the table an end point lies, from each pose.

@@ -59,17 +59,49 @@ proptest! {
         }
     }
 
-    /// One pose at a time or all at once, with any instruction set: the same bits.
+    /// One pose at a time or many at once, wherever they stand in the batch and with any instruction set: the same bits.
     #[test]
-    fn the_batch_has_the_bits_of_the_single_call(poses in prop::collection::vec((-6.0..9.0_f64, -4.0..9.0_f64, -3.2..3.2_f64), 1..20)) {
+    fn the_batch_has_the_bits_of_the_single_call(
+        near in prop::collection::vec((1.5..1.9_f64, 3.0..3.4_f64, -3.2..3.2_f64), 0..80),
+        far in prop::collection::vec((-6.0..9.0_f64, -4.0..9.0_f64, -3.2..3.2_f64), 1..80),
+        reach in 0.2..2.0_f32,
+        beams in 20_usize..70,
+    ) {
         let mut model = LikelihoodFieldModel::new(&field(), LikelihoodFieldModelParams::default()).unwrap();
-        let scan = scan((0..100).map(|i| 0.5 + 0.04 * i as f32).collect());
-        let likelihood = model.condition(&scan).unwrap();
-        let poses: Vec<Se2> = poses.into_iter().map(|(x, y, yaw)| Se2::new(x, y, yaw)).collect();
-        let mut batch = vec![0.0; poses.len()];
-        likelihood.log_likelihoods(&poses, &mut batch);
-        let single: Vec<f64> = poses.iter().map(|pose| likelihood.log_likelihood(pose)).collect();
-        prop_assert_eq!(batch, single);
+        let scan = scan((0..beams).map(|i| reach + 0.02 * i as f32).collect());
+        let poses: Vec<Se2> = near.into_iter().chain(far).map(|(x, y, yaw)| Se2::new(x, y, yaw)).collect();
+        for arch in crate::particle::simd::archs() {
+            model.arch = arch;
+            let likelihood = model.condition(&scan).unwrap();
+            let mut batch = vec![0.0; poses.len()];
+            likelihood.log_likelihoods(&poses, &mut batch);
+            let single: Vec<f64> = poses.iter().map(|pose| likelihood.log_likelihood(pose)).collect();
+            prop_assert_eq!(batch, single);
+        }
+    }
+}
+
+/// No pose, however absurd, leads out of the table, alone or among others.
+#[test]
+fn one_absurd_pose_does_not_move_its_neighbours() {
+    let mut model = LikelihoodFieldModel::new(&field(), LikelihoodFieldModelParams::default()).unwrap();
+    let scan = scan(vec![0.5; 60]);
+    let likelihood = model.condition(&scan).unwrap();
+    let good = Se2::new(1.7, 3.2, 0.4);
+    let expected = likelihood.log_likelihood(&good);
+    for absurd in [1e300, -1e300, 1e7, -1e7, f64::NAN, -f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        let turned =
+            Se2::from_parts(good.translation(), nalgebra::UnitComplex::from_cos_sin_unchecked(absurd, 0.1).into());
+        for bad in [Se2::new(absurd, 3.2, 0.4), Se2::new(1.7, absurd, 0.4), turned] {
+            for place in [0, 40, 63, 70] {
+                let mut poses = vec![good; 80];
+                poses[place] = bad;
+                let mut batch = vec![0.0; 80];
+                likelihood.log_likelihoods(&poses, &mut batch);
+                assert!(batch.iter().enumerate().all(|(i, &got)| i == place || got == expected), "{absurd} {place}");
+                assert!(batch[place].is_finite());
+            }
+        }
     }
 }
 
