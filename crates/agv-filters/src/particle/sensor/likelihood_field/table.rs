@@ -22,6 +22,16 @@ pub(super) struct Table {
     pub(super) explained: f32,
 }
 
+/// Places for logarithms that are known, in bits.
+const PLACE_BITS: u32 = 11;
+
+/// Where the logarithm of a density is remembered: multiplicative hashing (Knuth, *The Art of Computer Programming*, volume 3,
+/// section 6.4).
+#[inline]
+fn place(density: f32) -> usize {
+    (density.to_bits().wrapping_mul(0x9e37_79b1) >> (32 - PLACE_BITS)) as usize
+}
+
 impl Table {
     /// The table of a field.
     ///
@@ -42,15 +52,16 @@ impl Table {
         let border = term(field.off_map());
         let mut terms = Vec::with_capacity((width + 2) * (height + 2));
         terms.resize(width + 2, border);
-        // Most of a map is far from everything: a logarithm per run of equal cells is enough.
-        let mut last = (f32::NAN, border);
+        // A field has few values, one for each distance within reach: most logarithms are those of a cell before.
+        let mut known = vec![(f32::NAN, border); 1 << PLACE_BITS];
         for row in field.values().chunks_exact(width) {
             terms.push(border);
             terms.extend(row.iter().map(|&density| {
-                if density != last.0 {
-                    last = (density, term(density));
+                let (of, term_of) = &mut known[place(density)];
+                if density != *of {
+                    (*of, *term_of) = (density, term(density));
                 }
-                last.1
+                *term_of
             }));
             terms.push(border);
         }
