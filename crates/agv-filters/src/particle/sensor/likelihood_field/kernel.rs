@@ -2,9 +2,8 @@
 //!
 //! A beam is laid at a block of poses side by side: the way to the cells is plain arithmetic on `f32`, which the compiler
 //! vectorises for the machine that it finds at run time, and the cells that one beam reaches from neighbouring poses lie
-//! near each other, so that the look-ups, which are scalar, stay in the first-level cache. Four beams are looked up at
-//! a time: their terms are added to each other and then to the pose's sum, in this order wherever a pose stands in a
-//! batch and whatever the instruction set, so that the bits are always the same.
+//! near each other, so that the look-ups, which are scalar, stay in the first-level cache. The sums are whole numbers, the
+//! same in any order: the bits depend neither on where a pose stands in a batch nor on the instruction set.
 //!
 //! Cells off the map are those of a border of the table: a coordinate is held to it by two comparisons, which are left out
 //! where the whole block is so far inside that no end point can leave the map.
@@ -168,7 +167,7 @@ impl<const P: usize> Block<P> {
 
     /// Adds the terms of `G` beams, the first of a group or the one at `first`, to each pose's sum.
     #[inline(always)]
-    fn add_terms<const G: usize>(&self, table: &Table, group: &EndGroup, first: usize, sums: &mut [f32; P]) {
+    fn add_terms<const G: usize>(&self, table: &Table, group: &EndGroup, first: usize, sums: &mut [u32; P]) {
         let mut indices = [[0_u32; P]; G];
         if group.reach < self.room {
             for (g, indices) in indices.iter_mut().enumerate() {
@@ -181,12 +180,9 @@ impl<const P: usize> Block<P> {
         }
         let terms = &table.terms[..];
         for (lane, sum) in sums.iter_mut().enumerate() {
-            let terms: [f32; G] = std::array::from_fn(|g| terms[indices[g][lane] as usize]);
-            *sum += match terms[..] {
-                [a, b, c, d] => (a + b) + (c + d),
-                [a, ..] => a,
-                [] => 0.0,
-            };
+            for indices in &indices {
+                *sum += u32::from(terms[indices[lane] as usize]);
+            }
         }
     }
 }
@@ -218,7 +214,7 @@ impl<'a> ScanOnTable<'a> {
     #[inline(always)]
     fn judge<const P: usize>(&self, poses: &[Se2], log_likelihoods: &mut [f64]) {
         let block = Block::<P>::new(self.table, poses);
-        let mut sums = [0.0_f32; P];
+        let mut sums = [0_u32; P];
         let (full, rest) = self.ends.groups.split_at(self.ends.count / GROUP);
         for group in full {
             block.add_terms::<GROUP>(self.table, group, 0, &mut sums);
@@ -229,7 +225,7 @@ impl<'a> ScanOnTable<'a> {
             }
         }
         for (log_likelihood, &sum) in log_likelihoods.iter_mut().zip(&sums) {
-            let sum = f64::from(sum);
+            let sum = self.table.sum(sum, self.ends.count);
             *log_likelihood = match self.form {
                 ScanForm::Product { .. } => self.power * sum,
                 ScanForm::SumOfCubes => sum.ln_1p(),
@@ -245,7 +241,7 @@ impl<'a> ScanOnTable<'a> {
         ends.take(self.ends.count)
             .filter(|&(x, y)| {
                 block.indices::<false>(self.table, x, y, &mut index);
-                self.table.terms[index[0] as usize] >= self.table.explained
+                u32::from(self.table.terms[index[0] as usize]) >= self.table.explained
             })
             .count()
     }

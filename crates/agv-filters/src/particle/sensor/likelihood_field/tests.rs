@@ -183,3 +183,41 @@ fn beams_that_end_near_a_wall_are_explained() {
         assert_eq!(judged.explained(&Se2::new(-50.0, 0.0, 0.0)), Some(0.0));
     }
 }
+
+#[test]
+fn a_map_of_nothing_explains_nothing() {
+    let map = Grid::filled(GridLayout::new(60, 60, 0.05, Se2::default()).unwrap(), CellState::Free);
+    let field = LikelihoodField::new(&map, LikelihoodFieldParams::default()).unwrap();
+    let mut model = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default()).unwrap();
+    let scan = scan(vec![1.0; 60]);
+    let judged = model.condition(&scan).unwrap();
+    let pose = Se2::new(1.0, 1.0, 0.0);
+    assert_eq!(judged.explained(&pose), Some(0.0));
+    let floor = LikelihoodFieldParams::default().density(2.0).ln();
+    assert!((judged.log_likelihood(&pose) - 18.0 * floor).abs() < 1e-5);
+}
+
+/// Levels are as fine as is said of them, whatever the densities' range.
+#[test]
+fn levels_are_fine() {
+    for (sigma_hit, z_rand, tolerance) in [(0.2, 0.5, 4.1e-5), (0.05, 0.5, 5.2e-5), (0.2, 0.0005, 9.4e-5)] {
+        let mut map = Grid::filled(GridLayout::new(60, 60, 0.05, Se2::default()).unwrap(), CellState::Free);
+        assert!(map.set(agv_core::grid::Cell::new(30, 30), CellState::Occupied));
+        let field =
+            LikelihoodField::new(&map, LikelihoodFieldParams { sigma_hit, z_rand, ..Default::default() }).unwrap();
+        let params = LikelihoodFieldModelParams {
+            form: ScanForm::Product { independent_beams: 1.0 },
+            min_hits: 1,
+            ..Default::default()
+        };
+        let mut model = LikelihoodFieldModel::new(&field, params).unwrap();
+        let geometry = ScanGeometry { angle_min: 0.0, angle_increment: 0.1, ..Default::default() };
+        let scan = LaserScan::new(Stamp::default(), geometry, vec![0.5]).unwrap();
+        let judged = model.condition(&scan).unwrap();
+        for i in 0..1000 {
+            let pose = Se2::new(0.00137 * f64::from(i) + 0.3033, 1.3137 + 1.013e-4 * f64::from(i), 0.0);
+            let expected = f64::from(field.likelihood_at(&pose.act(&[0.5, 0.0].into()))).ln();
+            assert!((judged.log_likelihood(&pose) - expected).abs() < tolerance, "{i}");
+        }
+    }
+}
