@@ -15,6 +15,17 @@ pub fn depot_or_office() -> (&'static str, Grid<CellState>) {
     }
 }
 
+/// The `warehouse` map of Nav2 (1006 x 1674 cells of 3 cm), or, where it is not at hand, an office of as many cells.
+///
+/// The name says which of the two it is.
+pub fn warehouse_or_office() -> (&'static str, Grid<CellState>) {
+    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../shared/data/localization/warehouse.yaml");
+    match agv_support::map::read(path) {
+        Ok(map) => ("warehouse", map),
+        Err(_) => ("large office", office(1006, 1674)),
+    }
+}
+
 /// An office of 5 cm cells: rooms of 6 m by 5 m behind walls with doors, and a table with legs or a pillar in each.
 ///
 /// # Panics

@@ -164,10 +164,8 @@ impl LikelihoodField {
             unknown_is_obstacle: params.unknown == UnknownSpace::Obstacle,
             max_distance: Some(params.max_distance),
         };
-        let mut squared = Grid::filled(layout, 0_i32);
         let surfaces = if params.only_surfaces { surfaces(map) } else { None };
         let obstacles = surfaces.as_ref().unwrap_or(map);
-        DistanceTransform::new(distance)?.with_parallelism(par).squared_into(obstacles, &mut squared)?;
 
         // Squared distances are whole numbers of cells, few of them within reach: a table spares the exponentials.
         let density = |squared: usize| params.density((squared as f64).sqrt() * layout.resolution()) as f32;
@@ -175,12 +173,13 @@ impl LikelihoodField {
         let reach = (params.max_distance / layout.resolution()).ceil();
         let entries = (reach * reach) as usize;
         let table: Vec<f32> = if entries < MOST_ENTRIES { (0..=entries).map(density).collect() } else { Vec::new() };
-        let lookup = |&squared: &i32| match table.get(squared as usize) {
+        let lookup = |squared: i32| match table.get(squared as usize) {
             Some(&value) => value,
-            None if squared == DistanceTransform::NO_OBSTACLE => far,
-            None => density(squared as usize),
+            None if table.is_empty() => density(squared as usize),
+            None => far,
         };
-        let mut densities = squared.map(lookup);
+        let mut densities = Grid::filled(layout, 0.0);
+        DistanceTransform::new(distance)?.with_parallelism(par).transform(obstacles, &mut densities, far, lookup)?;
         if params.unknown == UnknownSpace::Uniform {
             let uniform = params.range_max.recip() as f32;
             for (density, state) in densities.values_mut().iter_mut().zip(map.values()) {

@@ -7,6 +7,7 @@
 //! Particles are handled in fixed chunks of [`CHUNK`](agv_core::compute::CHUNK), each with a random stream keyed by
 //! (seed, step, chunk): a run has the same bits for any number of threads and continues from a checkpoint with them.
 
+mod exp;
 mod free_space;
 mod gaussian;
 mod mcl;
@@ -17,6 +18,8 @@ mod resample_policy;
 mod sample_size;
 mod sensor;
 mod set;
+#[cfg(test)]
+mod simd;
 mod trig;
 mod update_policy;
 mod weights;

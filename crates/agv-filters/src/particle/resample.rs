@@ -47,24 +47,23 @@ impl<R: Resampler + ?Sized> Resampler for Box<R> {
 
 impl Resampler for Systematic {
     fn resample(&self, weights: &[f64], stream: &mut Stream, ancestors: &mut [u32]) {
-        let (count, offset) = (ancestors.len() as f64, stream.random::<f64>());
-        // The sum of the same additions as below: the last share then ends at `count` exactly.
-        let total = weights.iter().fold(0.0, |sum, weight| sum + weight);
-        let scale = count / total;
+        let (count, offset) = (ancestors.len(), stream.random::<f64>());
         ancestors.fill(0);
-        // Particle j spans the new particles from `start` (the end of its predecessor) up to its own end. It writes its
-        // index at `start`; if it spans none, its successor overwrites it. Entries not written copy the one before.
-        let (mut start, mut cumulative) = (0, 0.0);
-        for (index, weight) in weights.iter().enumerate() {
-            cumulative += weight;
-            let end = if cumulative >= total {
-                ancestors.len()
-            } else {
-                (cumulative * scale - offset).ceil().max(0.0) as usize
-            };
-            if start < ancestors.len() && end > start {
-                ancestors[start] = index as u32;
-                start = end;
+        let Some(last) = weights.iter().rposition(|&weight| weight > 0.0) else { return };
+        let weights = &weights[..=last];
+        let scale = count as f64 / sum(weights);
+        // Particle j spans the new particles from its start (the end of its predecessor) up to its own end. It writes its index
+        // at its start; if it spans none, its successor overwrites it. Entries not written copy the one before. What
+        // rounding leaves at the end is the last one's.
+        let (mut total, mut start) = (0.0, 0);
+        for (first, weights) in (0_u32..).step_by(BLOCK).zip(weights.chunks(BLOCK)) {
+            let mut ends = [0.0; BLOCK];
+            total = running_sums(total, weights, &mut ends);
+            for (index, end) in (first..).zip(&ends[..weights.len()]) {
+                if let Some(ancestor) = ancestors.get_mut(start) {
+                    *ancestor = index;
+                }
+                start = ceiling(end * scale - offset);
             }
         }
         ancestors.iter_mut().fold(0, |last, ancestor| {
@@ -72,4 +71,44 @@ impl Resampler for Systematic {
             *ancestor
         });
     }
+}
+
+/// Particles whose ends are computed together.
+const BLOCK: usize = 64;
+
+/// The sum, in eight lanes.
+fn sum(values: &[f64]) -> f64 {
+    let (eights, rest) = values.as_chunks::<8>();
+    let mut lanes = [0.0; 8];
+    for eight in eights {
+        lanes.iter_mut().zip(eight).for_each(|(lane, value)| *lane += value);
+    }
+    lanes.iter().chain(rest).fold(0.0, |sum, value| sum + value)
+}
+
+/// Writes the sums up to and with each value, which never fall from one to the next; returns the last.
+fn running_sums(mut sum: f64, values: &[f64], sums: &mut [f64; BLOCK]) -> f64 {
+    // Four at a time, so that only every fourth addition waits for the one before.
+    let (fours, rest) = values.as_chunks::<4>();
+    let (sums_of_fours, _) = sums.as_chunks_mut::<4>();
+    for (&[a, b, c, d], sums) in fours.iter().zip(sums_of_fours) {
+        let ab = a + b;
+        *sums = [sum + a, sum + ab, sum + (ab + c), sum + (ab + (c + d))];
+        sum = sums[3];
+    }
+    for (value, out) in rest.iter().zip(&mut sums[fours.len() * 4..]) {
+        sum += value;
+        *out = sum;
+    }
+    sum
+}
+
+/// The least whole number that is not below a value in (-1, 2³¹).
+#[inline]
+fn ceiling(value: f64) -> usize {
+    /// Adding it leaves the nearest whole number in the low bits of the sum; plain `ceil` is a call on old processors.
+    const ROUNDER: f64 = 6_755_399_441_055_744.0;
+    let shifted = value + ROUNDER;
+    let nearest = shifted - ROUNDER;
+    (shifted.to_bits() as u32).wrapping_add(u32::from(value > nearest)) as usize
 }

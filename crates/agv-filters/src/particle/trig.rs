@@ -1,7 +1,7 @@
 //! Sine and cosine of the small angles that noise consists of.
 
 /// Greatest angle of the series below, in radians.
-const SERIES_LIMIT: f64 = 0.5;
+pub(super) const SERIES_LIMIT: f64 = 0.5;
 
 /// `(sin, cos)` of an angle in radians, to 1e-15.
 ///
@@ -13,8 +13,10 @@ pub(super) fn sin_cos(angle: f64) -> (f64, f64) {
     if angle.abs() <= SERIES_LIMIT { series(angle) } else { angle.sin_cos() }
 }
 
-#[inline]
-fn series(x: f64) -> (f64, f64) {
+/// The series, for angles up to [`SERIES_LIMIT`].
+#[expect(clippy::inline_always, reason = "compiled with its caller, for the instruction set found at run time")]
+#[inline(always)]
+pub(super) fn series(x: f64) -> (f64, f64) {
     let s = x * x;
     let q = s * s;
     // Estrin's scheme: half the latency of Horner's.

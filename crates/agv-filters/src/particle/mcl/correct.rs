@@ -70,12 +70,9 @@ where
         let seed = self.seed_for(Draw::Motion);
         let Belief { particles, pending, step, .. } = &mut self.belief;
         if let Some(motion) = pending {
-            let sample = self.motion.condition(motion);
+            let (model, motion) = (&self.motion, &*motion);
             particles.propose(self.par, |chunk, poses, moved| {
-                let mut stream = seed.stream(*step, chunk as u64);
-                for (moved, pose) in moved.iter_mut().zip(poses) {
-                    *moved = sample(pose, &mut stream);
-                }
+                model.propagate(motion, poses, moved, &mut seed.stream(*step, chunk as u64));
             });
         }
         let poses = if pending.is_some() { particles.proposed() } else { particles.states() };

@@ -18,16 +18,15 @@
 //! Driving backwards is a straight run with a negative sign and no turn by π: of the two ways to take a motion apart,
 //! [`RotTransRot`] takes the one that turns less.
 
-use super::super::trig::sin_cos;
-use super::MotionModel;
+use super::{super::trig::sin_cos, MotionModel, sampler::Sampler};
 use agv_core::{
     Error, check,
     compute::Stream,
-    geometry::{LieGroup, Se2, So2, propagate_covariance},
+    geometry::{Se2, So2, propagate_covariance},
     odometry::{OdometryIncrement, RotTransRot},
 };
-use nalgebra::{Matrix3, UnitComplex, Vector2, Vector3};
-use rand_distr::{Distribution, StandardNormal};
+use nalgebra::{Matrix3, UnitComplex, Vector3};
+use pulp::Arch;
 
 /// How the variances of a motion grow with it. The order is α1 to α4 of the literature and of `nav2_amcl`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -106,12 +105,12 @@ const STANDING: f64 = 0.01;
 
 /// A motion taken apart, with the standard deviation of each part.
 #[derive(Debug, Clone, Copy)]
-struct NoisyParts {
-    parts: RotTransRot,
+pub(super) struct NoisyParts {
+    pub(super) parts: RotTransRot,
     /// Drift to the left of a standing vehicle, in metres, which no part holds.
-    drift: f64,
+    pub(super) drift: f64,
     /// Standard deviations of the first turn, the run and the last turn.
-    sigma: Vector3<f64>,
+    pub(super) sigma: Vector3<f64>,
 }
 
 impl DifferentialOdometryModel {
@@ -132,7 +131,7 @@ impl DifferentialOdometryModel {
         &self.noise
     }
 
-    fn take_apart(&self, start_from_end: &Se2) -> NoisyParts {
+    pub(super) fn take_apart(&self, start_from_end: &Se2) -> NoisyParts {
         let parts = RotTransRot::from_motion_above(start_from_end, STANDING);
         let standing = start_from_end.translation().norm() < STANDING;
         let square = |value: f64| value * value;
@@ -152,16 +151,15 @@ impl MotionModel for DifferentialOdometryModel {
     type Motion = OdometryIncrement;
 
     fn condition<'a>(&'a self, motion: &'a OdometryIncrement) -> impl Fn(&Se2, &mut Stream) -> Se2 + Sync + 'a {
-        let NoisyParts { parts, drift, sigma } = self.take_apart(&motion.start_from_end);
-        // The mean turns are composed as they are; only the noise, a small angle, needs a sine per particle.
-        let (first, last) = (So2::from_angle(parts.rotation1), So2::from_angle(parts.rotation2));
+        let sampler = Sampler::new(&self.take_apart(&motion.start_from_end));
         move |pose, stream| {
-            let noise: [f64; 3] = std::array::from_fn(|_| StandardNormal.sample(stream));
-            let heading = pose.rotation().compose(&first).compose(&small_turn(sigma.x * noise[0]));
-            let travel = heading.act(&Vector2::new(parts.translation + sigma.y * noise[1], drift));
-            let rotation = heading.compose(&last).compose(&small_turn(sigma.z * noise[2]));
-            Se2::from_parts(pose.translation() + travel, rotation)
+            let [first, run, last] = sampler.draw(stream);
+            sampler.moved(pose, run, &small_turn(first), &small_turn(last))
         }
+    }
+
+    fn propagate(&self, motion: &OdometryIncrement, poses: &[Se2], moved: &mut [Se2], stream: &mut Stream) {
+        Sampler::new(&self.take_apart(&motion.start_from_end)).propagate(poses, moved, stream, Arch::new());
     }
 
     fn covariance(&self, motion: &OdometryIncrement) -> Matrix3<f64> {
@@ -183,7 +181,7 @@ pub(super) fn small_turn(angle: f64) -> So2 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use agv_core::{compute::Seed, time::Stamp};
+    use agv_core::{compute::Seed, geometry::LieGroup, time::Stamp};
     use proptest::prelude::*;
 
     fn motion(start_from_end: Se2) -> OdometryIncrement {

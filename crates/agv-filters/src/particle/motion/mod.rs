@@ -5,6 +5,7 @@ mod differential;
 mod omnidirectional;
 mod prior;
 mod velocity;
+mod sampler;
 
 use agv_core::{compute::Stream, geometry::Se2};
 use nalgebra::Matrix3;
@@ -53,12 +54,23 @@ pub use velocity::{VelocityModel, VelocityNoise};
 /// let moved = model.condition(&motion)(&Se2::identity(), &mut Seed(1).stream(0, 0));
 /// assert_eq!(moved.x(), 0.3);
 /// ```
-pub trait MotionModel {
+pub trait MotionModel: Sync {
     /// What the odometry reports between two updates.
     type Motion;
 
     /// Hoists everything that does not depend on the particle; the result is called once per particle.
     fn condition<'a>(&'a self, motion: &'a Self::Motion) -> impl Fn(&Se2, &mut Stream) -> Se2 + Sync + 'a;
+
+    /// Moves many particles, each as the sampler of [`condition`](Self::condition) would, in order and with the same bits; both
+    /// slices have the same length.
+    ///
+    /// For models that have a faster way for many; called once per chunk of particles.
+    fn propagate(&self, motion: &Self::Motion, poses: &[Se2], moved: &mut [Se2], stream: &mut Stream) {
+        let sample = self.condition(motion);
+        for (moved, pose) in moved.iter_mut().zip(poses) {
+            *moved = sample(pose, stream);
+        }
+    }
 
     /// Covariance of the motion to first order, over `(x, y, yaw)` in the base frame of its end (m², m rad, rad²):
     /// what an estimate loses in certainty until the particles themselves have moved. Symmetric and positive

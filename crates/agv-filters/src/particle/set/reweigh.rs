@@ -1,8 +1,17 @@
 //! Weights after an observation.
+//!
+//! The loops over a chunk are compiled for the instruction set that is found at run time; their sums run in fixed lanes, so
+//! that the bits do not depend on it.
+
+#![expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set found at run time")]
 
 use super::{ParticleSet, ParticleState, chunk_of};
-use crate::particle::WeightSummary;
+use crate::particle::{WeightSummary, exp::exp};
 use agv_core::compute::{CHUNK, Par};
+use pulp::{Arch, Simd, WithSimd};
+
+/// Sums that run side by side.
+const LANES: usize = 8;
 
 impl<X: ParticleState> ParticleSet<X> {
     /// Multiplies each weight by the exponential of its log-likelihood, and normalises.
@@ -10,29 +19,18 @@ impl<X: ParticleState> ParticleSet<X> {
     /// None, with the weights as they were, if the slice has another length than the set, if a log-likelihood is NaN
     /// or +∞, or if every particle is impossible (−∞).
     pub fn reweigh(&mut self, log_likelihoods: &[f64], par: Par) -> Option<WeightSummary> {
+        self.reweigh_on(log_likelihoods, par, Arch::new())
+    }
+
+    fn reweigh_on(&mut self, log_likelihoods: &[f64], par: Par, arch: Arch) -> Option<WeightSummary> {
         let count = self.count;
         let old = &self.log_weights[..count];
         if log_likelihoods.len() != count {
             return None;
         }
-        // NaN must not hide behind the comparison of a maximum: it turns the chunk's peak into +∞, which is refused.
-        let peak = par.map_reduce(
-            count.div_ceil(CHUNK),
-            |chunk| {
-                let (old, new) = (chunk_of(old, chunk), chunk_of(log_likelihoods, chunk));
-                old.iter().zip(new).fold(f64::NEG_INFINITY, |peak, (&a, &b)| {
-                    let sum = a + b;
-                    if sum <= peak {
-                        peak
-                    } else if sum > peak {
-                        sum
-                    } else {
-                        f64::INFINITY
-                    }
-                })
-            },
-            f64::max,
-        )?;
+        let chunks = count.div_ceil(CHUNK);
+        let peak_of = |chunk| arch.dispatch(Peak(chunk_of(old, chunk), chunk_of(log_likelihoods, chunk)));
+        let peak = par.map_reduce(chunks, peak_of, f64::max)?;
         if !peak.is_finite() {
             return None;
         }
@@ -41,29 +39,21 @@ impl<X: ParticleState> ParticleSet<X> {
             data,
             CHUNK,
             |_, (log_weights, weights, log_likelihoods): (&mut [f64], &mut [f64], &[f64])| {
-                for ((log_weight, weight), &log_likelihood) in log_weights.iter_mut().zip(weights).zip(log_likelihoods)
-                {
-                    *log_weight = *log_weight + log_likelihood - peak;
-                    *weight = log_weight.exp();
-                }
+                arch.dispatch(Weigh { log_weights, weights, log_likelihoods, peak });
             },
         );
         let (weights, log_weights) = (&self.weights[..count], &self.log_weights[..count]);
-        let sums = par.map_reduce(
-            count.div_ceil(CHUNK),
-            |chunk| {
-                let pairs = chunk_of(weights, chunk).iter().zip(chunk_of(log_weights, chunk));
-                pairs.fold([0.0; 3], |[sum, squares, logs], (&w, &log_w)| {
-                    // Nothing times -∞ is nothing.
-                    [sum + w, squares + w * w, logs + if w > 0.0 { w * log_w } else { 0.0 }]
-                })
-            },
-            |a, b| [a[0] + b[0], a[1] + b[1], a[2] + b[2]],
-        )?;
+        let sums_of = |chunk| arch.dispatch(Sums(chunk_of(weights, chunk), chunk_of(log_weights, chunk)));
+        let sums = par.map_reduce(chunks, sums_of, |a, b| std::array::from_fn(|i| a[i] + b[i]))?;
         let [sum, squares, logs] = sums;
         let (scale, shift) = (1.0 / sum, sum.ln());
-        self.weights[..count].iter_mut().for_each(|weight| *weight *= scale);
-        self.log_weights[..count].iter_mut().for_each(|log_weight| *log_weight -= shift);
+        let data = (&mut self.log_weights[..count], &mut self.weights[..count]);
+        par.for_each_chunk(data, CHUNK, |_, (log_weights, weights): (&mut [f64], &mut [f64])| {
+            for (log_weight, weight) in log_weights.iter_mut().zip(weights) {
+                *log_weight -= shift;
+                *weight *= scale;
+            }
+        });
         Some(WeightSummary {
             effective_sample_size: sum * sum / squares,
             // -Σ (w / sum) ln (w / sum)
@@ -71,6 +61,87 @@ impl<X: ParticleState> ParticleSet<X> {
             max_weight: scale,
             log_evidence: peak + shift,
         })
+    }
+}
+
+/// The greatest sum of an old logarithm and a new one; +∞ if one is not a number, which must not hide behind the
+/// comparison of a maximum.
+struct Peak<'a>(&'a [f64], &'a [f64]);
+
+impl WithSimd for Peak<'_> {
+    type Output = f64;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> f64 {
+        let greater = |peak: f64, sum: f64| {
+            if sum <= peak {
+                peak
+            } else if sum > peak {
+                sum
+            } else {
+                f64::INFINITY
+            }
+        };
+        let mut peaks = [f64::NEG_INFINITY; LANES];
+        let ((old, old_rest), (new, new_rest)) = (self.0.as_chunks::<LANES>(), self.1.as_chunks::<LANES>());
+        for (old, new) in old.iter().zip(new) {
+            for lane in 0..LANES {
+                peaks[lane] = greater(peaks[lane], old[lane] + new[lane]);
+            }
+        }
+        for ((peak, old), new) in peaks.iter_mut().zip(old_rest).zip(new_rest) {
+            *peak = greater(*peak, old + new);
+        }
+        peaks.into_iter().fold(f64::NEG_INFINITY, f64::max)
+    }
+}
+
+/// Takes the log-likelihoods in, with the greatest sum as the unit.
+struct Weigh<'a> {
+    log_weights: &'a mut [f64],
+    weights: &'a mut [f64],
+    log_likelihoods: &'a [f64],
+    peak: f64,
+}
+
+impl WithSimd for Weigh<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let weights = self.log_weights.iter_mut().zip(self.weights);
+        for ((log_weight, weight), &log_likelihood) in weights.zip(self.log_likelihoods) {
+            *log_weight = *log_weight + log_likelihood - self.peak;
+            *weight = exp(*log_weight);
+        }
+    }
+}
+
+/// Sums over `(w, w², w ln w)`, of weights and their logarithms.
+struct Sums<'a>(&'a [f64], &'a [f64]);
+
+impl WithSimd for Sums<'_> {
+    type Output = [f64; 3];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> [f64; 3] {
+        let (mut sum, mut squares, mut logs) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
+        let ((weights, rest), (log_weights, log_rest)) = (self.0.as_chunks::<LANES>(), self.1.as_chunks::<LANES>());
+        let mut add = |lane: usize, w: f64, log_w: f64| {
+            sum[lane] += w;
+            squares[lane] += w * w;
+            // Nothing times -∞ is nothing.
+            logs[lane] += if w > 0.0 { w * log_w } else { 0.0 };
+        };
+        for (w, log_w) in weights.iter().zip(log_weights) {
+            for lane in 0..LANES {
+                add(lane, w[lane], log_w[lane]);
+            }
+        }
+        for (lane, (&w, &log_w)) in rest.iter().zip(log_rest).enumerate() {
+            add(lane, w, log_w);
+        }
+        [sum, squares, logs].map(|[a, b, c, d, e, f, g, h]| ((a + b) + (c + d)) + ((e + f) + (g + h)))
     }
 }
 
@@ -117,5 +188,17 @@ mod tests {
         let expected = -(1.0 / 3.0 * (1.0_f64 / 3.0).ln() + 2.0 / 3.0 * (2.0_f64 / 3.0).ln());
         assert!((summary.entropy - expected).abs() < 1e-12);
         assert!((WeightSummary::uniform(3).entropy - 3_f64.ln()).abs() < 1e-12);
+    }
+    #[test]
+    fn every_instruction_set_gives_the_same_bits() {
+        let log_likelihoods: Vec<f64> = (0..999).map(|i| -(f64::from(i * 7919 % 999) * 0.013).powi(3)).collect();
+        let mut expected = line(999);
+        let summary = expected.reweigh(&log_likelihoods, Par::Seq);
+        for arch in crate::particle::simd::archs() {
+            let mut set = line(999);
+            assert_eq!(set.reweigh_on(&log_likelihoods, Par::Seq, arch), summary, "{arch:?}");
+            assert!(set == expected, "{arch:?}");
+        }
+        assert!((expected.weights().iter().sum::<f64>() - 1.0).abs() < 1e-12);
     }
 }

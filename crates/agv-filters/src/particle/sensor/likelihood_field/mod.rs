@@ -24,7 +24,8 @@ use agv_core::{
     roles::SkipReason,
     sensors::{Beam, LaserScan},
 };
-use kernel::{BLOCK, EndBlock, ScanOnTable};
+use kernel::{COORDINATE_BITS, EndPoints, ScanOnTable};
+use pulp::Arch;
 use std::sync::Arc;
 use table::Table;
 
@@ -58,13 +59,14 @@ pub use params::{LikelihoodFieldModelParams, ScanForm};
 pub struct LikelihoodFieldModel {
     params: LikelihoodFieldModelParams,
     table: Arc<Table>,
-    /// End points in the base frame, in cells, padded to whole blocks.
-    ends: Vec<EndBlock>,
+    /// End points in the base frame, in cells.
+    ends: EndPoints,
+    arch: Arch,
 }
 
 impl LikelihoodFieldModel {
-    /// Most cells along a side: positions counted in cells must fit an `f32` with room for their fraction.
-    pub const MAX_SIDE: usize = 1 << 20;
+    /// Most cells along a side: a coordinate, those of the border included, is a number of 15 bits.
+    pub const MAX_SIDE: usize = (1 << COORDINATE_BITS) - 3;
 
     /// A model on the field of a map.
     ///
@@ -74,7 +76,7 @@ impl LikelihoodFieldModel {
     pub fn new(field: &LikelihoodField, params: LikelihoodFieldModelParams) -> Result<Self, Error> {
         params.validate()?;
         let table = Arc::new(Table::new(field, &params)?);
-        Ok(Self { params, table, ends: Vec::with_capacity(params.max_beams.div_ceil(BLOCK)) })
+        Ok(Self { params, table, ends: EndPoints::with_capacity(params.max_beams), arch: Arch::new() })
     }
 
     /// The parameters.
@@ -87,7 +89,6 @@ impl LikelihoodFieldModel {
         let (geometry, mount) = (scan.geometry(), scan.geometry().base_from_sensor);
         let (beams, used) = (scan.len(), scan.len().min(self.params.max_beams));
         self.ends.clear();
-        let mut hits = 0;
         for k in 0..used {
             // The middle of the k-th of `used` equal parts of the scan.
             let index = (2 * k + 1) * beams / (2 * used);
@@ -97,15 +98,9 @@ impl LikelihoodFieldModel {
             }
             let (sin, cos) = geometry.angle(index).sin_cos();
             let end = mount.act(&[range * cos, range * sin].into()) * self.table.cells_per_metre;
-            if hits % BLOCK == 0 {
-                self.ends.push([[0.0; BLOCK]; 2]);
-            }
-            if let Some([x, y]) = self.ends.last_mut() {
-                (x[hits % BLOCK], y[hits % BLOCK]) = (end.x as f32, end.y as f32);
-            }
-            hits += 1;
+            self.ends.push(end.x as f32, end.y as f32);
         }
-        hits
+        self.ends.len()
     }
 }
 
@@ -115,7 +110,7 @@ impl SensorModel<LaserScan> for LikelihoodFieldModel {
         if usable < needed {
             return Err(SkipReason::TooFewReadings { usable, needed });
         }
-        Ok(ScanOnTable::new(&self.table, &self.ends, usable, self.params.form))
+        Ok(ScanOnTable::new(&self.table, &self.ends, self.params.form, self.arch))
     }
 }
 

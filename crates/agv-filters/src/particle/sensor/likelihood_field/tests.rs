@@ -59,17 +59,49 @@ proptest! {
         }
     }
 
-    /// One pose at a time or all at once, with any instruction set: the same bits.
+    /// One pose at a time or many at once, wherever they stand in the batch and with any instruction set: the same bits.
     #[test]
-    fn the_batch_has_the_bits_of_the_single_call(poses in prop::collection::vec((-6.0..9.0_f64, -4.0..9.0_f64, -3.2..3.2_f64), 1..20)) {
+    fn the_batch_has_the_bits_of_the_single_call(
+        near in prop::collection::vec((1.5..1.9_f64, 3.0..3.4_f64, -3.2..3.2_f64), 0..80),
+        far in prop::collection::vec((-6.0..9.0_f64, -4.0..9.0_f64, -3.2..3.2_f64), 1..80),
+        reach in 0.2..2.0_f32,
+        beams in 20_usize..70,
+    ) {
         let mut model = LikelihoodFieldModel::new(&field(), LikelihoodFieldModelParams::default()).unwrap();
-        let scan = scan((0..100).map(|i| 0.5 + 0.04 * i as f32).collect());
-        let likelihood = model.condition(&scan).unwrap();
-        let poses: Vec<Se2> = poses.into_iter().map(|(x, y, yaw)| Se2::new(x, y, yaw)).collect();
-        let mut batch = vec![0.0; poses.len()];
-        likelihood.log_likelihoods(&poses, &mut batch);
-        let single: Vec<f64> = poses.iter().map(|pose| likelihood.log_likelihood(pose)).collect();
-        prop_assert_eq!(batch, single);
+        let scan = scan((0..beams).map(|i| reach + 0.02 * i as f32).collect());
+        let poses: Vec<Se2> = near.into_iter().chain(far).map(|(x, y, yaw)| Se2::new(x, y, yaw)).collect();
+        for arch in crate::particle::simd::archs() {
+            model.arch = arch;
+            let likelihood = model.condition(&scan).unwrap();
+            let mut batch = vec![0.0; poses.len()];
+            likelihood.log_likelihoods(&poses, &mut batch);
+            let single: Vec<f64> = poses.iter().map(|pose| likelihood.log_likelihood(pose)).collect();
+            prop_assert_eq!(batch, single);
+        }
+    }
+}
+
+/// No pose, however absurd, leads out of the table, alone or among others.
+#[test]
+fn one_absurd_pose_does_not_move_its_neighbours() {
+    let mut model = LikelihoodFieldModel::new(&field(), LikelihoodFieldModelParams::default()).unwrap();
+    let scan = scan(vec![0.5; 60]);
+    let likelihood = model.condition(&scan).unwrap();
+    let good = Se2::new(1.7, 3.2, 0.4);
+    let expected = likelihood.log_likelihood(&good);
+    for absurd in [1e300, -1e300, 1e7, -1e7, f64::NAN, -f64::NAN, f64::INFINITY, f64::NEG_INFINITY] {
+        let turned =
+            Se2::from_parts(good.translation(), nalgebra::UnitComplex::from_cos_sin_unchecked(absurd, 0.1).into());
+        for bad in [Se2::new(absurd, 3.2, 0.4), Se2::new(1.7, absurd, 0.4), turned] {
+            for place in [0, 40, 63, 70] {
+                let mut poses = vec![good; 80];
+                poses[place] = bad;
+                let mut batch = vec![0.0; 80];
+                likelihood.log_likelihoods(&poses, &mut batch);
+                assert!(batch.iter().enumerate().all(|(i, &got)| i == place || got == expected), "{absurd} {place}");
+                assert!(batch[place].is_finite());
+            }
+        }
     }
 }
 
@@ -149,5 +181,43 @@ fn beams_that_end_near_a_wall_are_explained() {
         assert_eq!(judged.explained(&Se2::new(1.0, 0.0, 0.0)), Some(0.5), "now the others reach it");
         assert_eq!(judged.explained(&Se2::new(0.5, 0.0, 0.0)), Some(0.0));
         assert_eq!(judged.explained(&Se2::new(-50.0, 0.0, 0.0)), Some(0.0));
+    }
+}
+
+#[test]
+fn a_map_of_nothing_explains_nothing() {
+    let map = Grid::filled(GridLayout::new(60, 60, 0.05, Se2::default()).unwrap(), CellState::Free);
+    let field = LikelihoodField::new(&map, LikelihoodFieldParams::default()).unwrap();
+    let mut model = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default()).unwrap();
+    let scan = scan(vec![1.0; 60]);
+    let judged = model.condition(&scan).unwrap();
+    let pose = Se2::new(1.0, 1.0, 0.0);
+    assert_eq!(judged.explained(&pose), Some(0.0));
+    let floor = LikelihoodFieldParams::default().density(2.0).ln();
+    assert!((judged.log_likelihood(&pose) - 18.0 * floor).abs() < 1e-5);
+}
+
+/// Levels are as fine as is said of them, whatever the densities' range.
+#[test]
+fn levels_are_fine() {
+    for (sigma_hit, z_rand, tolerance) in [(0.2, 0.5, 4.1e-5), (0.05, 0.5, 5.2e-5), (0.2, 0.0005, 9.4e-5)] {
+        let mut map = Grid::filled(GridLayout::new(60, 60, 0.05, Se2::default()).unwrap(), CellState::Free);
+        assert!(map.set(agv_core::grid::Cell::new(30, 30), CellState::Occupied));
+        let field =
+            LikelihoodField::new(&map, LikelihoodFieldParams { sigma_hit, z_rand, ..Default::default() }).unwrap();
+        let params = LikelihoodFieldModelParams {
+            form: ScanForm::Product { independent_beams: 1.0 },
+            min_hits: 1,
+            ..Default::default()
+        };
+        let mut model = LikelihoodFieldModel::new(&field, params).unwrap();
+        let geometry = ScanGeometry { angle_min: 0.0, angle_increment: 0.1, ..Default::default() };
+        let scan = LaserScan::new(Stamp::default(), geometry, vec![0.5]).unwrap();
+        let judged = model.condition(&scan).unwrap();
+        for i in 0..1000 {
+            let pose = Se2::new(0.00137 * f64::from(i) + 0.3033, 1.3137 + 1.013e-4 * f64::from(i), 0.0);
+            let expected = f64::from(field.likelihood_at(&pose.act(&[0.5, 0.0].into()))).ln();
+            assert!((judged.log_likelihood(&pose) - expected).abs() < tolerance, "{i}");
+        }
     }
 }
