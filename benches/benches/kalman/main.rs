@@ -56,10 +56,7 @@ fn pose_filter(c: &mut Criterion) {
 }
 
 /// The filters of this crate and the peers on one problem; all end at the same estimate.
-fn filters<P: Problem<N>, const N: usize>(c: &mut Criterion, name: &str)
-where
-    P: peers::Peers<N>,
-{
+fn filters<P: Problem<N> + peers::Peers<N>, const N: usize>(c: &mut Criterion, name: &str) {
     let problem = P::new();
     let mut group = c.benchmark_group(name);
     group.throughput(Throughput::Elements(problem.cycles().len() as u64));

@@ -1,7 +1,8 @@
 //! Kalman filters: a Gaussian belief, moved by a model and corrected by measurements.
 //!
 //! # Parts
-//! - A state is a [`Manifold`]: a vector, a vector with angles ([`Wrapped`]), a pose, or a type of the user's.
+//! - A state is a [`Manifold`]: a vector, a vector with angles ([`Wrapped`]), a pose, a pose with more beside it
+//!   ([`AugmentedPose`]), or a type of the user's.
 //! - A [`ProcessModel`] moves it, a [`MeasurementModel`] reads it. Those here are listed below; one of your own is a few lines.
 //! - A filter puts them together: [`Ekf`] (with the iterated update; [`KalmanFilter`] where the state is a vector and the
 //!   models are linear), [`Ukf`], [`BootstrapFilter`]. The Gaussian ones hold a [`GaussianBelief`], take readings through a
@@ -18,6 +19,7 @@
 //! - [`PoseFilter`]: the pose in the plane from wheel odometry and measured poses, with the odometry's yaw scale; it plays
 //!   the roles.
 
+mod augmented;
 mod belief;
 mod bootstrap;
 mod ekf;
@@ -34,6 +36,7 @@ mod rts;
 mod ukf;
 mod wrapped;
 
+pub use augmented::AugmentedPose;
 pub use belief::GaussianBelief;
 pub use bootstrap::BootstrapFilter;
 pub use ekf::{Ekf, KalmanFilter};

@@ -60,13 +60,20 @@ fn across(v: &Vector2<f64>) -> Vector2<f64> {
 fn sinc_and_slope(h: f64) -> (f64, f64) {
     let s = h * h;
     if s < 0.0625 {
-        let sinc = 1.0 - s / 6.0 * (1.0 - s / 20.0 * (1.0 - s / 42.0 * (1.0 - s / 72.0 * (1.0 - s / 110.0))));
-        let slope = -h / 3.0 * (1.0 - s / 10.0 * (1.0 - s / 28.0 * (1.0 - s / 54.0 * (1.0 - s / 88.0))));
-        return (sinc, slope);
+        // Reciprocals of constants, which the compiler takes once; quotients would be divisions.
+        let sinc = [-1.0 / 39_916_800.0, 1.0 / 362_880.0, -1.0 / 5040.0, 1.0 / 120.0, -1.0 / 6.0, 1.0];
+        let slope = [-1.0 / 3_991_680.0, 1.0 / 45_360.0, -1.0 / 840.0, 1.0 / 30.0, -1.0 / 3.0];
+        return (horner(sinc, s), h * horner(slope, s));
     }
     let (sin, cos) = h.sin_cos();
     let sinc = sin / h;
     (sinc, (cos - sinc) / h)
+}
+
+/// The polynomial with these coefficients, that of the highest power first.
+#[inline]
+fn horner<const N: usize>(coefficients: [f64; N], x: f64) -> f64 {
+    coefficients.into_iter().fold(0.0, |value, coefficient| value * x + coefficient)
 }
 
 #[cfg(test)]
