@@ -1,7 +1,7 @@
 //! The particles: an array of states beside arrays of weights.
 //!
-//! A state is kept whole (a pose is x, y, cosine, sine: half a cache line), because every pass over the set reads one
-//! state at a time; what is vectorised is the work within a particle, over the beams of a scan. Weights live beside the
+//! A state is kept whole (a pose is x, y, cosine, sine: half a cache line), so that resampling copies it at once; passes
+//! that work on many states side by side take them apart block by block, at a nanosecond each. Weights live beside the
 //! states, as logarithms and as normalised numbers: products of many small likelihoods would underflow.
 //!
 //! New states are written to spare memory and then change places with the old ones, so that a step that fails half-way

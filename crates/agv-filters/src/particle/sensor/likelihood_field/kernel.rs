@@ -1,4 +1,4 @@
-//! The work per particle and beam: turn the end point, round it to a cell, look up.
+//! The work per particle and beam: turn the end point, round it to a cell, look up its level.
 //!
 //! A beam is laid at a block of poses side by side: the way to the cells is plain arithmetic on `f32`, which the compiler
 //! vectorises for the machine that it finds at run time, and the cells that one beam reaches from neighbouring poses lie
@@ -55,6 +55,11 @@ impl EndPoints {
 
     pub(super) const fn len(&self) -> usize {
         self.count
+    }
+
+    /// The end points, in the base frame, in cells.
+    pub(super) fn iter(&self) -> impl Iterator<Item = (f32, f32)> + Clone + '_ {
+        self.groups.iter().flat_map(|group| group.x.into_iter().zip(group.y)).take(self.count)
     }
 
     pub(super) fn clear(&mut self) {
@@ -236,9 +241,9 @@ impl<'a> ScanOnTable<'a> {
     /// Number of end points near what the map shows.
     fn explained_hits(&self, map_from_base: &Se2) -> usize {
         let block = Block::<1>::new(self.table, std::slice::from_ref(map_from_base));
-        let ends = self.ends.groups.iter().flat_map(|group| group.x.into_iter().zip(group.y));
         let mut index = [0];
-        ends.take(self.ends.count)
+        self.ends
+            .iter()
             .filter(|&(x, y)| {
                 block.indices::<false>(self.table, x, y, &mut index);
                 u32::from(self.table.terms[index[0] as usize]) >= self.table.explained
