@@ -47,7 +47,9 @@ proptest! {
     #[test]
     fn reflections_are_not_known(ids in prop::sample::subsequence((10..19_u32).collect::<Vec<_>>(), 4..=9)) {
         let mut mirrored = seen(&Se2::new(0.2, 0.1, 0.7), &ids);
-        mirrored.iter_mut().for_each(|code| code.place.y = -code.place.y);
+        for code in &mut mirrored {
+            code.place.y = -code.place.y;
+        }
         if let TemplateMatch::Identified(found) = library().identify(&mirrored) {
             prop_assert!(found.explained < ids.len(), "{found:?}");
         }
