@@ -57,7 +57,7 @@ fn stop_over_a_code(offset: Se2, seed: Seed) -> (CentringStatus, Se2) {
     let mut motion = Motion::REST;
     let believed = |filter: &PoseFilter| *filter.estimate().unwrap().map_from_base();
     centring.start(&goal, &VehicleState::new(believed(&filter), Twist2::ZERO)).unwrap();
-    for cycle in 0..4000 {
+    for cycle in 0..6000 {
         let odometry = vehicle.step(&motion.twist, DT).unwrap();
         filter.predict(&odometry).unwrap();
         if cycle % 2 == 0 {
@@ -114,6 +114,8 @@ fn bad_calls_are_refused() {
     let good = CentringParams::default();
     for bad in [
         CentringParams { run_up: 0.0, ..good },
+        CentringParams { speed: 0.0, ..good },
+        CentringParams { deceleration: f64::INFINITY, ..good },
         CentringParams { position_tolerance: f64::NAN, ..good },
         CentringParams { heading_tolerance: -1.0, ..good },
         CentringParams { settle_time: f64::NAN, ..good },
