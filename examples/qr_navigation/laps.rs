@@ -6,7 +6,7 @@ use crate::{
     site::{DT, Site},
 };
 use agv_nav::{
-    control::track::{Course, FollowerParams, Stanley, StanleyParams},
+    control::track::{Course, FollowerParams, PurePursuit, PurePursuitParams, Stanley, StanleyParams},
     core::geometry::{UncertainPose, angle_difference},
     filters::marker::PoseSource,
     pipeline::{Centring, CentringParams, CentringStatus},
@@ -22,6 +22,8 @@ pub(crate) struct Runs {
     pub(crate) damaged: f64,
     /// Yaw of the vehicle off the path before the first lap, in radians.
     pub(crate) yaw_offset: f64,
+    /// Whether codes that cannot be read are known by their places.
+    pub(crate) uses_unread: bool,
     pub(crate) par: Par,
 }
 
@@ -98,7 +100,7 @@ impl Run {
             }
             camera_seed = camera_seed.derive(1);
         };
-        let pilot = Pilot::new(site, variant, &start, runs.par, seed)?;
+        let pilot = Pilot::new(site, variant, &start, &runs, seed)?;
         let (motion, run) = (Motion::REST, Self::default());
         let mut drive = Drive { site, simulator, camera, pilot, motion, cycles: 0, code_cycles: 0, run };
         for _ in 0..runs.laps {
@@ -114,8 +116,16 @@ impl Run {
     }
 }
 
-fn tracker(goal_tolerance: f64) -> Result<Stanley> {
-    let follower = FollowerParams { bend_window: 0.4, goal_tolerance, max_yaw_slip: 0.0, ..FollowerParams::default() };
+/// For the lap: pure pursuit does not look nearer ahead than the vehicle's yaw acceleration can follow.
+fn lap_tracker() -> Result<PurePursuit> {
+    let follower = FollowerParams { max_yaw_slip: 0.0, ..FollowerParams::default() };
+    Ok(PurePursuit::new(PurePursuitParams { follower, ..PurePursuitParams::default() })?)
+}
+
+/// For the last half metre, at a walk: to the millimetre.
+fn stop_tracker() -> Result<Stanley> {
+    let follower =
+        FollowerParams { bend_window: 0.4, goal_tolerance: 0.003, max_yaw_slip: 0.0, ..FollowerParams::default() };
     Ok(Stanley::new(StanleyParams { follower, ..StanleyParams::default() })?)
 }
 
@@ -140,7 +150,7 @@ impl Drive<'_> {
     }
 
     fn lap(&mut self, variant: Variant) -> Result<Lap> {
-        let mut tracker = tracker(0.01)?;
+        let mut tracker = lap_tracker()?;
         tracker.set_path(&self.site.lap)?;
         let mut course = Course::new(0.2);
         course.set(&self.site.lap)?;
@@ -200,7 +210,7 @@ impl Drive<'_> {
 
     /// Stops over the station's code.
     fn centre(&mut self) -> Result<Option<f64>> {
-        let mut centring = Centring::new(Box::new(tracker(0.003)?), CentringParams::default())?;
+        let mut centring = Centring::new(Box::new(stop_tracker()?), CentringParams::default())?;
         let state = VehicleState::new(self.pilot.map_from_base()?, self.motion.twist);
         centring.start(&self.site.station(), &state)?;
         for _ in 0..4000 {

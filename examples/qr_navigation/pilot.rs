@@ -2,13 +2,14 @@
 
 use crate::{
     Result,
+    laps::Runs,
     site::{DT, Site},
 };
 use agv_nav::{
     core::{
         geometry::UncertainPose,
         grid::{LikelihoodField, LikelihoodFieldParams},
-        sensors::{CodeSighting, PoseObservation},
+        sensors::{CodeSighting, MarkerObservation, PoseObservation},
     },
     filters::{
         kalman::{PoseFilter, PoseFilterParams},
@@ -55,6 +56,8 @@ pub(crate) struct Pilot {
     reader: CodeReader,
     markers: MarkerLocalizer,
     switch: SourceSwitch,
+    /// Whether codes that cannot be read are known by their places.
+    uses_unread: bool,
     travelled: f64,
     /// What the particle filter has said since the Kalman filter was told.
     news: bool,
@@ -64,7 +67,8 @@ pub(crate) struct Pilot {
 const SHARED_ERRORS: f64 = 9.0;
 
 impl Pilot {
-    pub(crate) fn new(site: &Site, variant: Variant, start: &Se2, par: Par, seed: Seed) -> Result<Self> {
+    pub(crate) fn new(site: &Site, variant: Variant, start: &Se2, runs: &Runs, seed: Seed) -> Result<Self> {
+        let Runs { par, uses_unread, .. } = *runs;
         let field = LikelihoodField::new(&site.map, LikelihoodFieldParams::default())?;
         let sensor = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default())?;
         let motion = DifferentialOdometryModel::new(OdometryNoise::default())?;
@@ -88,6 +92,7 @@ impl Pilot {
             reader: CodeReader::new(site.projection, CodeReaderParams::default())?,
             markers: MarkerLocalizer::new(site.code_map.clone(), MarkerLocalizerParams::default())?,
             switch: SourceSwitch::new(SourceSwitchParams::default())?,
+            uses_unread,
             travelled: 0.0,
             news: false,
         };
@@ -121,7 +126,8 @@ impl Pilot {
         if self.variant == Variant::Laser {
             return Ok(None);
         }
-        let seen: Vec<_> = sightings.iter().filter_map(|sighting| self.reader.observe(now, sighting).ok()).collect();
+        let belief = self.filter.estimate().ok_or("the filter has no belief")?.pose;
+        let seen: Vec<_> = sightings.iter().filter_map(|sighting| self.observe(now, sighting, &belief)).collect();
         let fix = self.markers.locate(&seen)?;
         if let Some(observation) = fix.observation() {
             self.filter.update(observation)?;
@@ -136,6 +142,19 @@ impl Pilot {
         };
         self.switch.update(&input)?;
         Ok(fix.observation().map(PoseObservation::map_from_base))
+    }
+
+    /// A code with its number, as it was read or as the place tells that it must be.
+    fn observe(
+        &self,
+        now: Stamp,
+        sighting: &CodeSighting,
+        belief: &UncertainPose<Se2>,
+    ) -> Option<MarkerObservation<Se2>> {
+        let base_from_code = self.reader.locate(&sighting.finders).ok()?.base_from_code;
+        let by_place = || self.markers.associate(belief, &base_from_code).filter(|_| self.uses_unread);
+        let id = sighting.id.or_else(by_place)?;
+        Some(MarkerObservation::new(now, id, base_from_code))
     }
 
     /// By what the vehicle drives now.

@@ -128,6 +128,30 @@ impl MarkerLocalizer {
         Ok(MarkerFix::Located { observation, used, rejected: count - used })
     }
 
+    /// Which marker an unread one is, as seen by a vehicle whose pose is believed to be about there: the only one of the map
+    /// within the gate. None if there is none, or if the belief is too wide to tell several apart. O(map), no allocation.
+    ///
+    /// ```
+    /// use agv_core::geometry::{Se2, UncertainPose};
+    /// use agv_core::nalgebra::Matrix3;
+    /// use agv_filters::marker::{MarkerLocalizer, MarkerLocalizerParams, MarkerMap};
+    ///
+    /// let map = MarkerMap::from_exact([(1, Se2::new(5.0, 0.0, 0.0)), (2, Se2::new(6.0, 0.0, 0.0))])?;
+    /// let localizer = MarkerLocalizer::new(map, MarkerLocalizerParams::default())?;
+    /// let belief = |sigma: f64| UncertainPose::new(Se2::new(5.03, 0.1, 0.02), Matrix3::identity() * (sigma * sigma));
+    /// let seen = UncertainPose::new(Se2::new(0.0, -0.1, 0.0), Matrix3::identity() * 1e-6)?;
+    /// assert_eq!(localizer.associate(&belief(0.05)?, &seen), Some(1));
+    /// assert_eq!(localizer.associate(&belief(0.5)?, &seen), None);
+    /// # Ok::<(), agv_core::Error>(())
+    /// ```
+    pub fn associate(&self, map_from_base: &UncertainPose<Se2>, base_from_marker: &UncertainPose<Se2>) -> Option<u32> {
+        let expected = map_from_base.compose(base_from_marker);
+        let is_near =
+            |pose: &UncertainPose<Se2>| pose_distance(&expected, pose).is_ok_and(|nis| nis <= self.params.gate);
+        let mut near = self.map.iter().filter(|(_, pose)| is_near(pose)).map(|(id, _)| id);
+        near.next().filter(|_| near.next().is_none())
+    }
+
     /// The poses that agree with one, itself among them, fused; and how many they are.
     fn with_support(
         &self,
