@@ -104,7 +104,7 @@ impl MarkerLocalizer {
         &mut self.map
     }
 
-    /// The pose that the markers of one image say together. O(markers²), no allocation.
+    /// The pose that the markers of one image say together. O(markers) if they agree, O(markers²) if not; no allocation.
     ///
     /// # Errors
     /// [`Error::Singular`] if two exact sightings of exact markers are to be compared.
@@ -118,6 +118,9 @@ impl MarkerLocalizer {
             let supported = self.with_support(seed, poses)?;
             if supported.0 > best.0 {
                 best = supported;
+            }
+            if best.0 == count {
+                break; // all agree
             }
         }
         let (used, pose) = best;
