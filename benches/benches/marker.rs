@@ -110,7 +110,7 @@ fn resection(c: &mut Criterion) {
         let found = resect(&camera, &mount, &seen, 0.5).expect("corners");
         assert!(found.map_from_base.mean().minus(&truth).norm() < 1e-6);
         group.bench_function(BenchmarkId::new("tags", tags), |b| {
-            b.iter(|| resect(&camera, &mount, black_box(&seen), 0.5))
+            b.iter(|| resect(&camera, &mount, black_box(&seen), 0.5));
         });
     }
     group.finish();
