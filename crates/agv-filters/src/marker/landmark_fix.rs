@@ -127,7 +127,7 @@ impl LeastSquares<3> for Problem<'_> {
 /// must be left out; no allocation. Landmarks beyond [`MOST_LANDMARKS`] are not looked at.
 ///
 /// ```
-/// use agv_core::geometry::{Se2, UncertainVector};
+/// use agv_core::geometry::{LieGroup, Se2, UncertainVector};
 /// use agv_core::nalgebra::{Matrix2, Vector2};
 /// use agv_core::sensors::LandmarkObservation;
 /// use agv_core::time::Stamp;
