@@ -7,6 +7,9 @@
 //! and scans weigh ([`particle::SensorModel`]), put together by [`particle::Mcl`], which plays the roles
 //! [`Localizer`](agv_core::roles::Localizer) and [`Correct`](agv_core::roles::Correct).
 //!
+//! [`marker`] turns codes and landmarks into poses: [`marker::CodeReader`] locates floor codes in an image,
+//! [`marker::MarkerLocalizer`] makes a pose of them that a Kalman filter takes.
+//!
 //! # Features
 //! - `rayon` (default): parallel loops behind [`Par`](agv_core::compute::Par); the results have the same bits without it.
 //! - `serde`: parameters and whole filter states round-trip; loading validates.
@@ -15,4 +18,5 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 pub mod kalman;
+pub mod marker;
 pub mod particle;

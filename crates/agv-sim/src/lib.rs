@@ -5,7 +5,8 @@
 //! - **Spatial**: [`World3d`] of boxes, cylinders, ramps and planes, a generated [`Factory`], scanned by a [`Lidar`]; its
 //!   sections are planar worlds and maps, so that 2D and 3D see one hall.
 //! - **Vehicle**: a [`Vehicle`] of any [`Drive`] with lagging wheels and steering, slip and noisy odometry,
-//!   [`WheelEncoders`], an [`Imu`], a [`FloorCamera`] over QR codes and a [`FrontCamera`] towards landmarks.
+//!   [`WheelEncoders`], an [`Imu`], a [`FloorCamera`] over QR codes, a [`CodeCamera`] for their pixels and a
+//!   [`FrontCamera`] towards landmarks.
 //! - **Tracking**: [`PathRunParams::drive`] lets a path tracker drive a vehicle along a path, with the encoders and a noisy
 //!   [`PoseSensor`] in the loop, and judges it by the ground truth.
 //! - [`Simulator2d`] and [`Simulator3d`] put world, vehicle and any number of sensors together, one step at a time. Ground
@@ -21,6 +22,7 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod bvh;
+mod code_camera;
 mod collision;
 mod drive;
 mod encoders;
@@ -47,6 +49,7 @@ mod vehicle_params;
 mod world2d;
 mod world3d;
 
+pub use code_camera::{CodeCamera, CodeCameraParams};
 pub use collision::Body;
 pub use drive::{Drive, WheelStates};
 pub use encoders::{WheelEncoders, WheelEncodersParams, WheelReading};

@@ -29,6 +29,7 @@ pub(crate) enum Part {
     FrontCamera,
     Encoders,
     PoseSensor,
+    CodeCamera,
 }
 
 /// The seed of one part: two parts, or two sensors of one kind, may be given one seed and draw on their own.

@@ -1,20 +1,24 @@
 //! What sensors report, each with its time, its [`SensorId`] and the pose of the sensor on the vehicle: laser scans and
 //! point clouds, [`ImuSample`], [`MarkerObservation`] and [`LandmarkObservation`], and the poses, positions and velocities
-//! that other systems find. All of them are an [`Observation`].
+//! that other systems find. All of them are an [`Observation`]. A [`PinholeCamera`] turns pixels into rays, and a
+//! [`CodeSighting`] is a QR code in its image.
 //!
 //! Operations on a [`PointCloud`] live in files of their own and keep all channels together: [`VoxelGrid`]
 //! down-samples, [`PointCloud::crop_box`] and its neighbours filter in place, [`PointCloud::transform`] moves,
 //! [`RangeImage`] views a spinning lidar's cloud as rows and columns, and [`Deskew`] undoes the vehicle's motion during
 //! a sweep, of scans and clouds alike.
 
+mod camera;
 mod cloud_filter;
 mod cloud_parts;
 mod cloud_transform;
+mod code_sighting;
 mod deskew;
 mod fix;
 mod imu;
 mod landmark;
 mod laser_scan;
+mod lens;
 mod marker;
 mod motion;
 mod observation;
@@ -28,11 +32,14 @@ mod time_of_flight;
 mod triangulation;
 mod voxel;
 
+pub use camera::{PinholeCamera, PinholeParams};
+pub use code_sighting::CodeSighting;
 pub use deskew::Deskew;
 pub use fix::{PoseObservation, PositionObservation, VelocityObservation};
 pub use imu::ImuSample;
 pub use landmark::LandmarkObservation;
 pub use laser_scan::{Beam, LaserScan, ScanGeometry};
+pub use lens::LensDistortion;
 pub use marker::MarkerObservation;
 pub use motion::{BodyMotion, ConstantTwist, PoseTrack};
 pub use observation::Observation;
