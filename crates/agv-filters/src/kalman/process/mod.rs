@@ -27,7 +27,7 @@ pub struct Transition<X, const N: usize> {
 /// three short functions:
 ///
 /// ```
-/// use agv_core::nalgebra::{Matrix2, Vector2};
+/// use agv_core::nalgebra::{Matrix1, Matrix2, RowVector2, Vector1, Vector2};
 /// use agv_filters::kalman::{Ekf, Gate, LinearMeasurement, ProcessModel, noise_from_inputs};
 ///
 /// /// A cart on a rail: position and speed, pushed by an acceleration that is known to 0.1 m/s².
@@ -42,16 +42,16 @@ pub struct Transition<X, const N: usize> {
 ///         Matrix2::new(1.0, dt, 0.0, 1.0)
 ///     }
 ///     fn noise(&self, _: &Vector2<f64>, _: &f64, dt: f64) -> Matrix2<f64> {
-///         noise_from_inputs(&Vector2::new(0.5 * dt * dt, dt), &[[0.1 * 0.1]].into())
+///         noise_from_inputs(&Vector2::new(0.5 * dt * dt, dt), &Matrix1::new(0.1 * 0.1))
 ///     }
 /// }
 ///
 /// let mut ekf = Ekf::new(Vector2::zeros(), Matrix2::identity())?;
-/// let position = LinearMeasurement::new([[1.0, 0.0]].into(), [[1e-4]].into())?;
+/// let position = LinearMeasurement::new(RowVector2::new(1.0, 0.0), Matrix1::new(1e-4))?;
 /// for step in 1..=100 {
 ///     ekf.predict(&Cart, &0.5, 0.1)?;
 ///     let time = 0.1 * f64::from(step);
-///     ekf.update(&position, &[0.25 * time * time].into(), &Gate::OPEN)?;
+///     ekf.update(&position, &Vector1::new(0.25 * time * time), &Gate::OPEN)?;
 /// }
 /// assert!((ekf.state()[1] - 5.0).abs() < 0.05);
 /// # Ok::<(), agv_core::Error>(())
