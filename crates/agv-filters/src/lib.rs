@@ -14,5 +14,6 @@
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+pub mod fusion;
 pub mod kalman;
 pub mod particle;

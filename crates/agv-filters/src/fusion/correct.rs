@@ -1,0 +1,278 @@
+//! The correction by a measurement of up to four numbers.
+//!
+//! ```text
+//! S = H P Hᵀ + R        K = P Hᵀ S⁻¹        NIS = νᵀ S⁻¹ ν
+//! A = (I - K H) P       P ← A (I - K H)ᵀ + K R Kᵀ = A - (A Hᵀ - K R) Kᵀ
+//! ```
+//!
+//! which is Joseph's form, written as two updates of low rank: what the second one subtracts would vanish if the numbers did not
+//! round, and takes back what the first one lost by it. Rows of `H` have few entries, and zeros are passed over. A pose is
+//! corrected by an increment `δ`; its errors are then seen from the corrected pose, `Jr(δ)`.
+
+use super::state::{Covariance, DIMENSION, MAX_ANCHORS, POSE, Row, State, anchor_at};
+use agv_core::geometry::{LieGroup, Se2};
+use nalgebra::{Matrix3, Vector3};
+
+/// Most numbers of a measurement.
+pub(super) const MOST_ROWS: usize = 4;
+
+/// A measurement, compared with what the state predicts of it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Innovation {
+    rows: usize,
+    residual: [f64; MOST_ROWS],
+    jacobian: [Row; MOST_ROWS],
+    noise: [[f64; MOST_ROWS]; MOST_ROWS],
+}
+
+impl Innovation {
+    pub(super) const fn empty() -> Self {
+        let zeros = [0.0; MOST_ROWS];
+        Self { rows: 0, residual: zeros, jacobian: [[0.0; DIMENSION]; MOST_ROWS], noise: [zeros; MOST_ROWS] }
+    }
+
+    /// Adds a number: what was measured less what is predicted, how the prediction moves with the errors, and the covariances of
+    /// its noise with that of the numbers before it, its own variance last.
+    pub(super) fn push(&mut self, residual: f64, jacobian: Row, noise: &[f64]) {
+        let row = self.rows;
+        (self.residual[row], self.jacobian[row]) = (residual, jacobian);
+        for (other, covariance) in noise.iter().enumerate().take(row + 1) {
+            self.noise[row][other] = *covariance;
+            self.noise[other][row] = *covariance;
+        }
+        self.rows += 1;
+    }
+
+    /// Numbers that it has.
+    pub(super) const fn rows(&self) -> usize {
+        self.rows
+    }
+
+    #[cfg(test)]
+    pub(super) fn parts(&self) -> (&[f64], &[Row]) {
+        (&self.residual[..self.rows], &self.jacobian[..self.rows])
+    }
+}
+
+/// What the gate needs, and the correction that follows if it lets it pass.
+#[derive(Debug)]
+pub(super) struct Weighed {
+    innovation: Innovation,
+    /// `H P`.
+    projected: [Row; MOST_ROWS],
+    /// Lower root of `S`.
+    root: [[f64; MOST_ROWS]; MOST_ROWS],
+    /// Normalised innovation squared.
+    pub(super) nis: f64,
+}
+
+/// Weighs an innovation; none if its covariance is not positive definite, as rounding may make it.
+pub(super) fn weigh(state: &State, innovation: Innovation) -> Option<Weighed> {
+    let rows = innovation.rows;
+    let mut projected = [[0.0; DIMENSION]; MOST_ROWS];
+    let mut spread = innovation.noise;
+    for i in 0..rows {
+        for (weight, column) in innovation.jacobian[i].iter().zip(&state.covariance) {
+            if *weight != 0.0 {
+                add(&mut projected[i], column, *weight);
+            }
+        }
+    }
+    for i in 0..rows {
+        for j in 0..=i {
+            spread[i][j] += dot(&projected[i], &innovation.jacobian[j]);
+        }
+    }
+    let mut root = [[0.0; MOST_ROWS]; MOST_ROWS];
+    for i in 0..rows {
+        for j in 0..=i {
+            let known: f64 = (0..j).map(|k| root[i][k] * root[j][k]).sum();
+            let rest = spread[i][j] - known;
+            if i == j {
+                if !(rest > 0.0 && rest.is_finite()) {
+                    return None;
+                }
+                root[i][i] = rest.sqrt();
+            } else {
+                root[i][j] = rest / root[j][j];
+            }
+        }
+    }
+    let mut nis = 0.0;
+    let mut whitened = [0.0; MOST_ROWS];
+    for i in 0..rows {
+        let known: f64 = (0..i).map(|k| root[i][k] * whitened[k]).sum();
+        whitened[i] = (innovation.residual[i] - known) / root[i][i];
+        nis += whitened[i] * whitened[i];
+    }
+    nis.is_finite().then_some(Weighed { innovation, projected, root, nis })
+}
+
+/// Corrects the state.
+pub(super) fn apply(state: &mut State, weighed: &Weighed) {
+    let Weighed { innovation, projected, root, .. } = weighed;
+    let rows = innovation.rows;
+    // Kᵀ = S⁻¹ H P: forwards and backwards through the root.
+    let mut gain = *projected;
+    for i in 0..rows {
+        for k in 0..i {
+            let known = gain[k];
+            add(&mut gain[i], &known, -root[i][k]);
+        }
+        gain[i].iter_mut().for_each(|entry| *entry /= root[i][i]);
+    }
+    for i in (0..rows).rev() {
+        for k in i + 1..rows {
+            let known = gain[k];
+            add(&mut gain[i], &known, -root[k][i]);
+        }
+        gain[i].iter_mut().for_each(|entry| *entry /= root[i][i]);
+    }
+
+    let mut correction = [0.0; DIMENSION];
+    for (weights, residual) in gain.iter().zip(&innovation.residual).take(rows) {
+        add(&mut correction, weights, *residual);
+    }
+
+    let covariance = &mut state.covariance;
+    for i in 0..rows {
+        for (column, weight) in covariance.iter_mut().zip(&projected[i]) {
+            add(column, &gain[i], -weight);
+        }
+    }
+    // A Hᵀ - K R, which only rounding leaves.
+    let mut rests = [[0.0; DIMENSION]; MOST_ROWS];
+    for i in 0..rows {
+        for (weight, column) in innovation.jacobian[i].iter().zip(covariance.iter()) {
+            if *weight != 0.0 {
+                add(&mut rests[i], column, *weight);
+            }
+        }
+        for j in 0..rows {
+            add(&mut rests[i], &gain[j], -innovation.noise[j][i]);
+        }
+    }
+    for i in 0..rows {
+        for (column, weight) in covariance.iter_mut().zip(&gain[i]) {
+            add(column, &rests[i], -weight);
+        }
+    }
+    symmetrize(covariance);
+
+    state.shift(&correction);
+    let bend = |at: usize| Se2::right_jacobian(&Vector3::new(correction[at], correction[at + 1], correction[at + 2]));
+    reset(&mut state.covariance, POSE, &bend(POSE));
+    for slot in 0..MAX_ANCHORS {
+        if state.anchors[slot].is_some() {
+            reset(&mut state.covariance, anchor_at(slot), &bend(anchor_at(slot)));
+        }
+    }
+}
+
+fn dot(a: &Row, b: &Row) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+#[inline]
+fn add(target: &mut Row, source: &Row, weight: f64) {
+    for (entry, value) in target.iter_mut().zip(source) {
+        *entry += weight * value;
+    }
+}
+
+/// Takes the mean of each pair of mirrored entries.
+fn symmetrize(covariance: &mut Covariance) {
+    for column in 1..DIMENSION {
+        for row in 0..column {
+            let mean = 0.5 * (covariance[column][row] + covariance[row][column]);
+            covariance[column][row] = mean;
+            covariance[row][column] = mean;
+        }
+    }
+}
+
+/// Sees the errors of one pose from where it was corrected to: `J P Jᵀ`, `J` acting on three errors.
+fn reset(covariance: &mut Covariance, at: usize, jacobian: &Matrix3<f64>) {
+    let old = [covariance[at], covariance[at + 1], covariance[at + 2]];
+    let mut turned = [[0.0; DIMENSION]; 3];
+    for (i, column) in turned.iter_mut().enumerate() {
+        for (j, source) in old.iter().enumerate() {
+            add(column, source, jacobian[(i, j)]);
+        }
+    }
+    for (i, column) in turned.iter().enumerate() {
+        for row in 0..DIMENSION {
+            covariance[at + i][row] = column[row];
+            covariance[row][at + i] = column[row];
+        }
+    }
+    for i in 0..3 {
+        for j in i..3 {
+            let both: f64 = (0..3).map(|k| jacobian[(j, k)] * turned[i][at + k]).sum();
+            covariance[at + i][at + j] = both;
+            covariance[at + j][at + i] = both;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::fusion::state::ANCHORS;
+    use agv_core::{compute::Seed, time::Stamp};
+    use nalgebra::SMatrix;
+    use rand_distr::{Distribution, StandardNormal};
+
+    /// The dense form of the textbook, with an inverse, but for the reset, of which the correction is small enough.
+    #[test]
+    fn it_is_josephs_form() {
+        let mut stream = Seed(3).stream(0, 0);
+        let mut draw = || -> f64 { StandardNormal.sample(&mut stream) };
+        let root = SMatrix::<f64, DIMENSION, DIMENSION>::from_fn(|_, _| draw());
+        let (p, h) = (root * root.transpose(), SMatrix::<f64, 3, DIMENSION>::from_fn(|_, _| draw()));
+        let noise_root = SMatrix::<f64, 3, 3>::from_fn(|_, _| draw());
+        let r = noise_root * noise_root.transpose() + SMatrix::identity();
+        let residual = SMatrix::<f64, 3, 1>::from_fn(|_, _| 1e-7 * draw());
+
+        let pose = Matrix3::identity();
+        let mut state = State::new(Stamp::default(), Se2::default(), &pose, &[0.0; ANCHORS]);
+        for column in 0..DIMENSION {
+            for row in 0..DIMENSION {
+                state.covariance[column][row] = p[(row, column)];
+            }
+        }
+        let mut innovation = Innovation::empty();
+        for i in 0..3 {
+            let row: Vec<f64> = h.row(i).iter().copied().collect();
+            innovation.push(residual[i], row.try_into().unwrap(), &[r[(i, 0)], r[(i, 1)], r[(i, 2)]][..=i]);
+        }
+        let weighed = weigh(&state, innovation).unwrap();
+        apply(&mut state, &weighed);
+
+        let s = h * p * h.transpose() + r;
+        let inverse = s.try_inverse().unwrap();
+        let gain = p * h.transpose() * inverse;
+        let keep = SMatrix::<f64, DIMENSION, DIMENSION>::identity() - gain * h;
+        let joseph = keep * p * keep.transpose() + gain * r * gain.transpose();
+        let correction = gain * residual;
+        assert!((weighed.nis - residual.dot(&(inverse * residual))).abs() < 1e-12 * weighed.nis);
+        for i in 0..DIMENSION {
+            for j in 0..DIMENSION {
+                let scale = (joseph[(i, i)] * joseph[(j, j)]).sqrt();
+                assert!((state.covariance[i][j] - joseph[(i, j)]).abs() < 1e-5 * scale, "{i} {j}");
+                assert_eq!(state.covariance[i][j], state.covariance[j][i]);
+            }
+        }
+        assert!((state.twist.vx - correction[3]).abs() < 1e-15 && (state.gyro_bias - correction[8]).abs() < 1e-15);
+    }
+
+    #[test]
+    fn a_covariance_that_is_none_weighs_nothing() {
+        let state = State::new(Stamp::default(), Se2::default(), &Matrix3::zeros(), &[0.0; ANCHORS]);
+        for noise in [0.0, -1.0, f64::NAN, f64::INFINITY] {
+            let mut innovation = Innovation::empty();
+            innovation.push(1.0, [0.0; DIMENSION], &[noise]);
+            assert!(weigh(&state, innovation).is_none(), "{noise}");
+        }
+    }
+}
