@@ -26,8 +26,11 @@ pub(crate) use gaussian::semidefinite_root;
 #[cfg(feature = "serde")]
 pub use mcl::MclCheckpoint;
 pub use mcl::{Mcl, MclDiagnostics, MclParams};
-pub use motion::{DifferentialOdometryModel, MotionModel, OdometryNoise};
-pub use resample::{Resampler, Systematic};
+pub use motion::{
+    AckermannOdometryModel, AckermannOdometryParams, DifferentialOdometryModel, MotionModel, OdometryNoise,
+    OmnidirectionalNoise, OmnidirectionalOdometryModel, PriorMotionModel, PriorNoise, VelocityModel, VelocityNoise,
+};
+pub use resample::{Multinomial, Resampler, Residual, Stratified, Systematic};
 pub use resample_policy::{And, EffectiveSampleSizeBelow, EntropyBelow, EveryNth, Or, ResampleContext, ResamplePolicy};
 pub use sample_size::{SameSize, SampleSize};
 pub use sensor::{

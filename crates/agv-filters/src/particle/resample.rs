@@ -1,7 +1,16 @@
 //! Drawing a new set in proportion to the weights.
 
+mod inverse;
+mod multinomial;
+mod residual;
+mod stratified;
+
 use agv_core::compute::Stream;
 use rand::RngExt;
+
+pub use multinomial::Multinomial;
+pub use residual::Residual;
+pub use stratified::Stratified;
 
 /// Chooses which particles live on.
 pub trait Resampler {

@@ -173,8 +173,9 @@ impl MotionModel for DifferentialOdometryModel {
     }
 }
 
+/// A rotation by a noise.
 #[inline]
-fn small_turn(angle: f64) -> So2 {
+pub(super) fn small_turn(angle: f64) -> So2 {
     let (sin, cos) = sin_cos(angle);
     UnitComplex::from_cos_sin_unchecked(cos, sin).into()
 }

@@ -1,11 +1,19 @@
 //! Where a vehicle may have gone, given what its odometry says.
 
+mod ackermann;
 mod differential;
+mod omnidirectional;
+mod prior;
+mod velocity;
 
 use agv_core::{compute::Stream, geometry::Se2};
 use nalgebra::Matrix3;
 
+pub use ackermann::{AckermannOdometryModel, AckermannOdometryParams};
 pub use differential::{DifferentialOdometryModel, OdometryNoise};
+pub use omnidirectional::{OmnidirectionalNoise, OmnidirectionalOdometryModel};
+pub use prior::{PriorMotionModel, PriorNoise};
+pub use velocity::{VelocityModel, VelocityNoise};
 
 /// Samples where a vehicle may have gone, given what its odometry says.
 ///
