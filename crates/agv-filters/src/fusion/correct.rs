@@ -6,12 +6,10 @@
 //! ```
 //!
 //! which is Joseph's form, written as two updates of low rank: what the second one subtracts would vanish if the numbers did not
-//! round, and takes back what the first one lost by it. Rows of `H` have few entries, and zeros are passed over. A pose is
-//! corrected by an increment `δ`; its errors are then seen from the corrected pose, `Jr(δ)`.
+//! round, and takes back what the first one lost by it. Rows of `H` have few entries, and zeros are passed over. A pose that was
+//! turned by a correction has its errors turned back by it, since they are along its axes.
 
-use super::state::{Covariance, DIMENSION, MAX_ANCHORS, POSE, Row, State, anchor_at};
-use agv_core::geometry::{LieGroup, Se2};
-use nalgebra::{Matrix3, Vector3};
+use super::state::{Covariance, DIMENSION, POSE, Row, State, anchor_at};
 
 /// Most numbers of a measurement.
 pub(super) const MOST_ROWS: usize = 4;
@@ -160,12 +158,11 @@ pub(super) fn apply(state: &mut State, weighed: &Weighed) {
     symmetrize(covariance);
 
     state.shift(&correction);
-    let bend = |at: usize| Se2::right_jacobian(&Vector3::new(correction[at], correction[at + 1], correction[at + 2]));
-    reset(&mut state.covariance, POSE, &bend(POSE));
-    for slot in 0..MAX_ANCHORS {
-        if state.anchors[slot].is_some() {
-            reset(&mut state.covariance, anchor_at(slot), &bend(anchor_at(slot)));
-        }
+    let covariance = &mut state.covariance;
+    turn_back(covariance, POSE, correction[POSE + 2]);
+    for (slot, _) in state.anchors.iter().enumerate().filter(|(_, anchor)| anchor.is_some()) {
+        let at = anchor_at(slot);
+        turn_back(covariance, at, correction[at + 2]);
     }
 }
 
@@ -191,36 +188,30 @@ fn symmetrize(covariance: &mut Covariance) {
     }
 }
 
-/// Sees the errors of one pose from where it was corrected to: `J P Jᵀ`, `J` acting on three errors.
-fn reset(covariance: &mut Covariance, at: usize, jacobian: &Matrix3<f64>) {
-    let old = [covariance[at], covariance[at + 1], covariance[at + 2]];
-    let mut turned = [[0.0; DIMENSION]; 3];
-    for (i, column) in turned.iter_mut().enumerate() {
-        for (j, source) in old.iter().enumerate() {
-            add(column, source, jacobian[(i, j)]);
-        }
+/// Turns the axes of two errors that lie in the plane.
+fn turn_back(covariance: &mut Covariance, at: usize, angle: f64) {
+    let (sin, cos) = angle.sin_cos();
+    let (x, y) = (covariance[at], covariance[at + 1]);
+    for i in 0..DIMENSION {
+        covariance[at][i] = cos * x[i] + sin * y[i];
+        covariance[at + 1][i] = cos * y[i] - sin * x[i];
     }
-    for (i, column) in turned.iter().enumerate() {
-        for row in 0..DIMENSION {
-            covariance[at + i][row] = column[row];
-            covariance[row][at + i] = column[row];
-        }
+    for column in covariance.iter_mut() {
+        let (x, y) = (column[at], column[at + 1]);
+        column[at] = cos * x + sin * y;
+        column[at + 1] = cos * y - sin * x;
     }
-    for i in 0..3 {
-        for j in i..3 {
-            let both: f64 = (0..3).map(|k| jacobian[(j, k)] * turned[i][at + k]).sum();
-            covariance[at + i][at + j] = both;
-            covariance[at + j][at + i] = both;
-        }
-    }
+    // Both turns round the corner alike, but for its two mirrored entries.
+    let mean = 0.5 * (covariance[at][at + 1] + covariance[at + 1][at]);
+    (covariance[at][at + 1], covariance[at + 1][at]) = (mean, mean);
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
     use crate::fusion::state::ANCHORS;
-    use agv_core::{compute::Seed, time::Stamp};
-    use nalgebra::SMatrix;
+    use agv_core::{compute::Seed, geometry::Se2, time::Stamp};
+    use nalgebra::{Matrix3, SMatrix};
     use rand_distr::{Distribution, StandardNormal};
 
     /// The dense form of the textbook, with an inverse, but for the reset, of which the correction is small enough.

@@ -14,7 +14,7 @@
 
 use super::source::MAX_SOURCES;
 use agv_core::{
-    geometry::{LieGroup, Se2, Twist2},
+    geometry::{LieGroup, Se2, So2, Twist2},
     time::Stamp,
 };
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -82,6 +82,13 @@ pub(super) struct State {
     pub(super) tallies: [Tally; MAX_SOURCES],
 }
 
+/// A pose moved by an error: along its own axes, and turned. To first order that is the right increment that it stands for; unlike
+/// the exponential it puts a vehicle that is lost by kilometres and radians where a measurement says.
+fn moved(pose: &Se2, error: &Vector3<f64>) -> Se2 {
+    let way = pose.rotation().act(&Vector2::new(error.x, error.y));
+    Se2::from_parts(pose.translation() + way, pose.rotation().compose(&So2::from_angle(error.z)))
+}
+
 /// Greatest scale: wheels that misread by half are not to be calibrated on the way.
 const MOST_SCALE: f64 = 0.5;
 
@@ -113,16 +120,16 @@ impl State {
 
     /// The mean moved by an error, anchors included.
     pub(super) fn shift(&mut self, error: &Row) {
-        let tangent = |at: usize| Vector3::new(error[at], error[at + 1], error[at + 2]);
-        self.map_from_base = self.map_from_base.plus(&tangent(POSE));
-        self.twist = (Vector3::from(self.twist) + tangent(VELOCITY)).into();
+        let three = |at: usize| Vector3::new(error[at], error[at + 1], error[at + 2]);
+        self.map_from_base = moved(&self.map_from_base, &three(POSE));
+        self.twist = (Vector3::from(self.twist) + three(VELOCITY)).into();
         self.acceleration += Vector2::new(error[ACCELERATION], error[ACCELERATION + 1]);
         self.gyro_bias += error[GYRO_BIAS];
         self.distance_scale = (self.distance_scale + error[DISTANCE_SCALE]).clamp(-MOST_SCALE, MOST_SCALE);
         self.yaw_scale = (self.yaw_scale + error[YAW_SCALE]).clamp(-MOST_SCALE, MOST_SCALE);
         for (slot, anchor) in self.anchors.iter_mut().enumerate() {
             if let Some(anchor) = anchor {
-                anchor.map_from_base = anchor.map_from_base.plus(&tangent(anchor_at(slot)));
+                anchor.map_from_base = moved(&anchor.map_from_base, &three(anchor_at(slot)));
             }
         }
     }
