@@ -36,8 +36,11 @@ struct Args {
     #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     seeds: u64,
     /// Particles of the particle filters
-    #[arg(long, default_value_t = 2000, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
+    #[arg(long, default_value_t = 500, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     particles: u32,
+    /// Least deviation of a motion that the Kalman filter hands to the particles, as a share of it
+    #[arg(long, default_value_t = 0.02)]
+    prior_share: f64,
     /// How late the samples of the IMU reach the Kalman filter, in seconds
     #[arg(long, default_value_t = 0.0)]
     imu_delay: f64,

@@ -51,7 +51,7 @@ impl Estimates {
             let seed = seed.derive(laser as u64);
             let wheels = DifferentialOdometryModel::new(OdometryNoise::default())?;
             estimates.alone[laser] = localize(drive, hall, args, laser, &by_odometry, wheels, seed)?;
-            let prior = PriorMotionModel::new(PriorNoise::default())?;
+            let prior = PriorMotionModel::new(prior_noise(args.prior_share))?;
             estimates.with_prior[laser] = localize(drive, hall, args, laser, &motions, prior, seed)?;
         }
         Ok(estimates)
@@ -88,6 +88,12 @@ pub(crate) struct Errors {
 /// Distances between poses, in metres.
 pub(crate) fn distances(poses: &[Se2], truth: &[Se2]) -> Vec<f64> {
     poses.iter().zip(truth).map(|(a, b)| (a.translation() - b.translation()).norm()).collect()
+}
+
+/// What the filter states of its motions, and this share of them at least, so that particles keep room between them.
+fn prior_noise(share: f64) -> PriorNoise {
+    let least = share * share;
+    PriorNoise { inflation: 1.0, position_per_run: least, turn_per_run: least, turn_per_turn: least }
 }
 
 /// A belief around the start: 5 cm and 0.02 rad.

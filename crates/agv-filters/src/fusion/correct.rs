@@ -65,20 +65,16 @@ pub(super) struct Weighed {
 }
 
 /// Weighs an innovation; none if its covariance is not positive definite, as rounding may make it.
-pub(super) fn weigh(state: &State, innovation: Innovation) -> Option<Weighed> {
+pub(super) fn weigh(state: &State, innovation: &Innovation) -> Option<Weighed> {
     let rows = innovation.rows;
     let mut projected = [[0.0; DIMENSION]; MOST_ROWS];
     let mut spread = innovation.noise;
-    for i in 0..rows {
-        for (weight, column) in innovation.jacobian[i].iter().zip(&state.covariance) {
-            if *weight != 0.0 {
-                add(&mut projected[i], column, *weight);
-            }
-        }
+    for (projection, jacobian) in projected.iter_mut().zip(&innovation.jacobian).take(rows) {
+        *projection = times(&state.covariance, jacobian);
     }
-    for i in 0..rows {
-        for j in 0..=i {
-            spread[i][j] += dot(&projected[i], &innovation.jacobian[j]);
+    for (row, projection) in spread.iter_mut().zip(&projected).take(rows) {
+        for (entry, jacobian) in row.iter_mut().zip(&innovation.jacobian).take(rows) {
+            *entry += dot(projection, jacobian);
         }
     }
     let mut root = [[0.0; MOST_ROWS]; MOST_ROWS];
@@ -103,7 +99,7 @@ pub(super) fn weigh(state: &State, innovation: Innovation) -> Option<Weighed> {
         whitened[i] = (innovation.residual[i] - known) / root[i][i];
         nis += whitened[i] * whitened[i];
     }
-    nis.is_finite().then_some(Weighed { innovation, projected, root, nis })
+    nis.is_finite().then_some(Weighed { innovation: *innovation, projected, root, nis })
 }
 
 /// Corrects the state.
@@ -133,26 +129,23 @@ pub(super) fn apply(state: &mut State, weighed: &Weighed) {
     }
 
     let covariance = &mut state.covariance;
-    for i in 0..rows {
-        for (column, weight) in covariance.iter_mut().zip(&projected[i]) {
-            add(column, &gain[i], -weight);
+    for (projection, weights) in projected.iter().zip(&gain).take(rows) {
+        for (column, weight) in covariance.iter_mut().zip(projection) {
+            add(column, weights, -weight);
         }
     }
     // A Hᵀ - K R, which only rounding leaves.
     let mut rests = [[0.0; DIMENSION]; MOST_ROWS];
-    for i in 0..rows {
-        for (weight, column) in innovation.jacobian[i].iter().zip(covariance.iter()) {
-            if *weight != 0.0 {
-                add(&mut rests[i], column, *weight);
-            }
-        }
-        for j in 0..rows {
-            add(&mut rests[i], &gain[j], -innovation.noise[j][i]);
+    for (rest, (jacobian, noise)) in rests.iter_mut().zip(innovation.jacobian.iter().zip(&innovation.noise)).take(rows)
+    {
+        *rest = times(covariance, jacobian);
+        for (weights, variance) in gain.iter().zip(noise).take(rows) {
+            add(rest, weights, -variance);
         }
     }
-    for i in 0..rows {
-        for (column, weight) in covariance.iter_mut().zip(&gain[i]) {
-            add(column, &rests[i], -weight);
+    for (rest, weights) in rests.iter().zip(&gain).take(rows) {
+        for (column, weight) in covariance.iter_mut().zip(weights) {
+            add(column, rest, -weight);
         }
     }
     symmetrize(covariance);
@@ -170,6 +163,18 @@ fn dot(a: &Row, b: &Row) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
+/// `P hᵀ`, for a row of few entries.
+#[inline]
+fn times(covariance: &Covariance, jacobian: &Row) -> Row {
+    let mut product = [0.0; DIMENSION];
+    for (column, weight) in covariance.iter().zip(jacobian) {
+        if *weight != 0.0 {
+            add(&mut product, column, *weight);
+        }
+    }
+    product
+}
+
 #[inline]
 fn add(target: &mut Row, source: &Row, weight: f64) {
     for (entry, value) in target.iter_mut().zip(source) {
@@ -179,12 +184,10 @@ fn add(target: &mut Row, source: &Row, weight: f64) {
 
 /// Takes the mean of each pair of mirrored entries.
 fn symmetrize(covariance: &mut Covariance) {
-    for column in 1..DIMENSION {
-        for row in 0..column {
-            let mean = 0.5 * (covariance[column][row] + covariance[row][column]);
-            covariance[column][row] = mean;
-            covariance[row][column] = mean;
-        }
+    for (i, j) in (1..DIMENSION).flat_map(|i| (0..i).map(move |j| (i, j))) {
+        let mean = 0.5 * (covariance[i][j] + covariance[j][i]);
+        covariance[i][j] = mean;
+        covariance[j][i] = mean;
     }
 }
 
@@ -237,7 +240,7 @@ mod tests {
             let row: Vec<f64> = h.row(i).iter().copied().collect();
             innovation.push(residual[i], row.try_into().unwrap(), &[r[(i, 0)], r[(i, 1)], r[(i, 2)]][..=i]);
         }
-        let weighed = weigh(&state, innovation).unwrap();
+        let weighed = weigh(&state, &innovation).unwrap();
         apply(&mut state, &weighed);
 
         let s = h * p * h.transpose() + r;
@@ -263,7 +266,7 @@ mod tests {
         for noise in [0.0, -1.0, f64::NAN, f64::INFINITY] {
             let mut innovation = Innovation::empty();
             innovation.push(1.0, [0.0; DIMENSION], &[noise]);
-            assert!(weigh(&state, innovation).is_none(), "{noise}");
+            assert!(weigh(&state, &innovation).is_none(), "{noise}");
         }
     }
 }

@@ -178,8 +178,8 @@ impl FusionFilter {
         ]);
         let state = State::new(stamp.unwrap_or_default(), *pose.mean(), pose.covariance(), &sigmas);
         match &mut self.history {
-            Some(history) => history.restart(state),
-            None => self.history = Some(History::new(state, p.capacity)),
+            Some(history) => history.restart(&state),
+            None => self.history = Some(History::new(&state, p.capacity)),
         }
         (self.timed, self.strange) = (stamp.is_some(), 0);
         self.traffic.fill(Traffic::default());
@@ -374,7 +374,7 @@ fn restart_at(history: &mut History, stamp: Stamp) {
     if let Some(mut state) = history.newest().copied() {
         (0..MAX_ANCHORS).for_each(|slot| state.forget_anchor(slot));
         state.stamp = stamp;
-        history.restart(state);
+        history.restart(&state);
     }
 }
 
@@ -408,7 +408,7 @@ fn happen(state: &mut State, event: &mut Event, params: &FusionParams, sources: 
 fn take(state: &mut State, reading: &Reading, source: &Source, index: usize) -> FusionOutcome {
     let Some(innovation) = linearize(state, reading, source) else { return FusionOutcome::Anchored };
     let degrees = innovation.rows();
-    let Some(weighed) = weigh(state, innovation) else { return FusionOutcome::Degenerate };
+    let Some(weighed) = weigh(state, &innovation) else { return FusionOutcome::Degenerate };
     let (nis, limit) = (weighed.nis, source.gate.limit(degrees));
     let patience = source.params.gate_patience;
     let tally = &mut state.tallies[index];
@@ -425,7 +425,7 @@ fn take(state: &mut State, reading: &Reading, source: &Source, index: usize) -> 
     FusionOutcome::Applied { nis, degrees }
 }
 
-/// What users see of a state; none if rounding has spoilt its covariance, which the tests do not know how to bring about.
+/// What users see of a state; none if its covariance were none, which Joseph's form keeps from happening.
 fn fused(state: &State) -> Option<FusedState> {
     let sigma = |at: usize| state.covariance[at][at].max(0.0).sqrt();
     Some(FusedState {

@@ -65,7 +65,7 @@ pub(super) struct History {
 
 impl History {
     /// A history that begins with a state, with room for `capacity` events.
-    pub(super) fn new(state: State, capacity: usize) -> Self {
+    pub(super) fn new(state: &State, capacity: usize) -> Self {
         // A motion may bring an anchor beside itself before the oldest are dropped.
         let room = capacity + 3;
         let mut history = Self { events: VecDeque::with_capacity(room), states: VecDeque::with_capacity(room) };
@@ -74,11 +74,11 @@ impl History {
     }
 
     /// Forgets everything but a state.
-    pub(super) fn restart(&mut self, state: State) {
+    pub(super) fn restart(&mut self, state: &State) {
         self.events.clear();
         self.states.clear();
         self.events.push_back(Event::new(state.stamp, 0, Happening::Begin));
-        self.states.push_back(state);
+        self.states.push_back(*state);
     }
 
     /// Time of the newest event.

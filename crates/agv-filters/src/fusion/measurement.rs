@@ -13,6 +13,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
 /// Anything that a [`FusionFilter`](super::FusionFilter) takes; every kind converts into it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[non_exhaustive]
+#[expect(clippy::large_enum_variant, reason = "a box would allocate for every sample of an inertial unit")]
 pub enum Measurement {
     /// The motion between two moments: wheel odometry, scan or lidar odometry.
     Motion(OdometryIncrement),

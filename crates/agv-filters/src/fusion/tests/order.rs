@@ -44,7 +44,7 @@ fn filter(params: FusionParams) -> (FusionFilter, [SourceId; 4]) {
     (filter, sources)
 }
 
-fn fuse_all(filter: &mut FusionFilter, ids: &[SourceId; 4], messages: &[(f64, Source, Measurement)]) {
+fn fuse_all(filter: &mut FusionFilter, ids: [SourceId; 4], messages: &[(f64, Source, Measurement)]) {
     for (_, source, measurement) in messages {
         filter.fuse(ids[*source as usize], *measurement).unwrap();
     }
@@ -59,7 +59,7 @@ fn delayed(messages: &[(f64, Source, Measurement)], most: f64, seed: u64) -> Vec
     by_arrival.into_iter().map(|(_, message)| message).collect()
 }
 
-fn assert_same(a: &FusionFilter, b: &FusionFilter, ids: &[SourceId; 4], tolerance: f64) {
+fn assert_same(a: &FusionFilter, b: &FusionFilter, ids: [SourceId; 4], tolerance: f64) {
     let (x, y) = (a.state().unwrap(), b.state().unwrap());
     assert_eq!(x.stamp, y.stamp);
     assert!(x.pose.mean().minus(y.pose.mean()).norm() <= tolerance);
@@ -68,7 +68,7 @@ fn assert_same(a: &FusionFilter, b: &FusionFilter, ids: &[SourceId; 4], toleranc
     assert!((x.twist_covariance - y.twist_covariance).norm() <= tolerance);
     assert!((x.gyro_bias.0 - y.gyro_bias.0).abs() <= tolerance);
     for id in ids {
-        let [p, q] = [a, b].map(|filter| filter.diagnostics(*id).unwrap());
+        let [p, q] = [a, b].map(|filter| filter.diagnostics(id).unwrap());
         assert_eq!((p.accepted, p.gated, p.dropped), (q.accepted, q.gated, q.dropped));
     }
 }
@@ -81,13 +81,13 @@ fn order_of_arrival_does_not_matter() {
         let without_motions: Vec<_> = messages.iter().copied().filter(|m| !matches!(m.1, Source::Wheels)).collect();
         for (messages, tolerance) in [(messages, 1e-12), (without_motions, 0.0)] {
             let (mut in_order, ids) = filter(FusionParams::default());
-            fuse_all(&mut in_order, &ids, &messages);
+            fuse_all(&mut in_order, ids, &messages);
             for most in [0.05, 0.4] {
                 let (mut late, ids) = filter(FusionParams::default());
                 let arrived = delayed(&messages, most, seed + 10);
                 assert!(arrived.windows(2).any(|pair| pair[0].0 > pair[1].0), "nothing was late");
-                fuse_all(&mut late, &ids, &arrived);
-                assert_same(&in_order, &late, &ids, tolerance);
+                fuse_all(&mut late, ids, &arrived);
+                assert_same(&in_order, &late, ids, tolerance);
             }
         }
     }
@@ -101,7 +101,7 @@ fn the_history_is_bounded() {
     let messages = drive(1);
     let (late, rest): (Vec<_>, Vec<_>) =
         messages.iter().copied().partition(|m| matches!(m.1, Source::Tracker) && m.0 < 1.0);
-    fuse_all(&mut filter, &ids, &rest);
+    fuse_all(&mut filter, ids, &rest);
     let before = filter.clone();
     for (_, _, measurement) in &late {
         assert_eq!(filter.fuse(ids[2], *measurement), Ok(FusionOutcome::TooOld));
@@ -111,14 +111,14 @@ fn the_history_is_bounded() {
     assert_eq!(filter.state_at(at(1.0)), None);
     // In order, a small history makes no difference.
     let (mut large, ids) = self::filter(FusionParams { clock_patience: 1000, ..FusionParams::default() });
-    fuse_all(&mut large, &ids, &rest);
+    fuse_all(&mut large, ids, &rest);
     assert_eq!(filter.state(), large.state());
 }
 
 #[test]
 fn duplicates_count_once() {
     let (mut filter, ids) = filter(FusionParams::default());
-    fuse_all(&mut filter, &ids, &drive(2));
+    fuse_all(&mut filter, ids, &drive(2));
     let before = filter.state();
     for (_, source, measurement) in drive(2).iter().rev().take(20) {
         assert_eq!(filter.fuse(ids[*source as usize], *measurement), Ok(FusionOutcome::Duplicate));
@@ -132,9 +132,9 @@ fn any_time_can_be_asked_for() {
     let (mut filter, ids) = filter(FusionParams::default());
     let messages = drive(3);
     let (early, late): (Vec<_>, Vec<_>) = messages.iter().copied().partition(|m| m.0 <= 2.4);
-    fuse_all(&mut filter, &ids, &early);
+    fuse_all(&mut filter, ids, &early);
     let then = filter.state().unwrap();
-    fuse_all(&mut filter, &ids, &late);
+    fuse_all(&mut filter, ids, &late);
     assert_eq!(filter.state_at(then.stamp), Some(then));
     let (now, ahead) = (filter.state().unwrap(), filter.state_at(filter.state().unwrap().stamp + 0.1).unwrap());
     let coasted = *now.pose.mean() * now.twist.integrate(0.1);
@@ -147,7 +147,7 @@ fn any_time_can_be_asked_for() {
 fn clocks_that_jump_are_noticed() {
     for jump in [7200.0, -7200.0] {
         let (mut filter, ids) = filter(FusionParams::default());
-        fuse_all(&mut filter, &ids, &drive(4));
+        fuse_all(&mut filter, ids, &drive(4));
         let before = filter.state().unwrap();
         let shifted = |time: f64| rates(3.0 + jump + time, before.twist.yaw_rate, 1e-3);
         let expected = if jump > 0.0 { FusionOutcome::TooEarly } else { FusionOutcome::TooOld };
