@@ -1,26 +1,20 @@
 //! The filter.
 
 use super::{
-    FusedState, FusionOutcome, FusionParams, Measurement, Reference, SourceDiagnostics, SourceId, SourceParams,
-    correct::{apply, weigh},
+    FusionOutcome, FusionParams, Measurement, Reference, SourceId, SourceParams,
+    happen::happen,
     history::{Event, Happening, History, NoPlace},
-    linearize::{anchored_at, linearize, remembered},
+    linearize::anchored_at,
     measurement::Reading,
-    process::predict,
     source::{MAX_SOURCES, Source},
-    state::{ANCHORS, DISTANCE_SCALE, GYRO_BIAS, MAX_ANCHORS, POSE, State, VELOCITY, YAW_SCALE, anchor_at},
+    state::{ANCHORS, MAX_ANCHORS, State, VELOCITY},
 };
 use agv_core::{
     Error, check,
-    geometry::{Se2, UncertainPose},
-    odometry::OdometryIncrement,
+    geometry::Se2,
     roles::{LocalizationError, PoseBelief, SkipReason, StatusMonitor, UpdateOutcome, UpdateReport},
     time::Stamp,
 };
-use nalgebra::Matrix3;
-
-/// Source of the anchors of [`FusionFilter::take_motion`].
-const NOBODY: u8 = u8::MAX;
 
 /// What the filter counts of a source whatever becomes of the past.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -129,7 +123,7 @@ impl FusionFilter {
     }
 
     /// An anchor that nobody has.
-    fn free_slot(&self) -> Result<u8, Error> {
+    pub(super) fn free_slot(&self) -> Result<u8, Error> {
         let taken =
             self.sources.iter().filter(|source| source.slot.is_some()).count() + usize::from(self.outlet.is_some());
         if taken < MAX_ANCHORS {
@@ -244,7 +238,7 @@ impl FusionFilter {
         }
         self.strange = 0;
         traffic.last = Some(traffic.last.filter(|last| *last > stamp && refused.is_none()).unwrap_or(stamp));
-        let outcome = self.insert(event, begin);
+        let outcome = self.insert(&event, begin);
         let fixes = entry.params.reference == Reference::Map && matches!(reading, Reading::Place { .. });
         self.judge(outcome, fixes);
         Ok(outcome)
@@ -267,9 +261,9 @@ impl FusionFilter {
     }
 
     /// Puts a measurement to its place and does again what follows it.
-    fn insert(&mut self, event: Event, begin: Stamp) -> FusionOutcome {
+    pub(super) fn insert(&mut self, event: &Event, begin: Stamp) -> FusionOutcome {
         let Some(history) = self.history.as_mut() else { return FusionOutcome::TooOld };
-        let mut place = match history.place(&event) {
+        let mut place = match history.place(event) {
             Ok(place) => place,
             Err(NoPlace::TooOld) => return FusionOutcome::TooOld,
             Err(NoPlace::Duplicate) => return FusionOutcome::Duplicate,
@@ -287,85 +281,12 @@ impl FusionFilter {
                 place += 1;
             }
         }
-        history.insert(place, event);
+        history.insert(place, *event);
         let (params, sources) = (&self.params, &self.sources);
         history.replay(from, |state, event| happen(state, event, params, sources));
         let outcome = history.outcome(place).unwrap_or(FusionOutcome::Degenerate);
         history.trim(self.params.history, self.params.capacity);
         outcome
-    }
-
-    /// What is believed at the time of the newest measurement; none before [`initialize`](Self::initialize).
-    pub fn state(&self) -> Option<FusedState> {
-        fused(self.history.as_ref()?.newest()?)
-    }
-
-    /// What is believed at any time that the history reaches back to, or later: without measurements, the velocity goes on, and
-    /// fades.
-    pub fn state_at(&self, stamp: Stamp) -> Option<FusedState> {
-        let mut state = *self.history.as_ref()?.at(stamp)?;
-        let dt = stamp - state.stamp;
-        predict(&mut state, &self.params, dt);
-        fused(&state)
-    }
-
-    /// The motion since the last call, up to the newest measurement, with its own covariance: for a particle filter that is to
-    /// move by the fused estimate instead of the wheels alone. None at the first call, and where no time has passed.
-    ///
-    /// Both ends are parts of the state, so that the covariance is that of the motion and not of the poses. Feed a filter that
-    /// hands out motions with nothing that comes from the particle filter itself.
-    ///
-    /// # Errors
-    /// [`Error::TooMany`] beyond [`MAX_RELATIVE`](Self::MAX_RELATIVE) sources; a covariance that rounding has spoilt.
-    pub fn take_motion(&mut self) -> Result<Option<OdometryIncrement>, Error> {
-        let slot = match self.outlet {
-            Some(slot) => slot,
-            None => self.free_slot()?,
-        };
-        self.outlet = Some(slot);
-        let Some(state) = self.history.as_ref().and_then(History::newest) else { return Ok(None) };
-        let at = anchor_at(usize::from(slot));
-        let mut motion = None;
-        if let Some(anchor) = &state.anchors[usize::from(slot)] {
-            if anchor.stamp >= state.stamp {
-                return Ok(None);
-            }
-            let start = UncertainPose::new(anchor.map_from_base, state.block(at, at))?;
-            let end = UncertainPose::new(state.map_from_base, state.block(POSE, POSE))?;
-            let moved = start.between_correlated(&end, &state.block(at, POSE))?;
-            motion = Some(OdometryIncrement {
-                start: anchor.stamp,
-                end: state.stamp,
-                start_from_end: *moved.mean(),
-                covariance: *moved.covariance(),
-            });
-        }
-        self.insert(Event::new(state.stamp, NOBODY, Happening::Anchor(slot)), state.stamp);
-        Ok(motion)
-    }
-
-    /// How a source fares; none if there is no such source.
-    pub fn diagnostics(&self, source: SourceId) -> Option<SourceDiagnostics> {
-        let traffic = self.traffic.get(source.index())?;
-        let tally = self.history.as_ref()?.newest()?.tallies.get(source.index())?;
-        let any = tally.accepted > 0;
-        Some(SourceDiagnostics {
-            accepted: tally.accepted,
-            gated: tally.gated,
-            gated_in_a_row: tally.gated_in_a_row,
-            dropped: traffic.dropped,
-            nis_mean: any.then(|| tally.nis_sum / tally.accepted as f64),
-            consistency: any.then(|| tally.nis_sum / tally.degrees_of_freedom as f64),
-            last: traffic.last,
-        })
-    }
-
-    /// The sources without a measurement for longer than their time-out, at a time; those that never had one among them.
-    pub fn silent(&self, now: Stamp) -> impl Iterator<Item = SourceId> + '_ {
-        let entries = self.sources.iter().zip(&self.traffic).zip(0..);
-        entries.filter_map(move |((source, traffic), id)| {
-            traffic.last.is_none_or(|last| now - last > source.params.timeout).then_some(SourceId(id))
-        })
     }
 }
 
@@ -376,66 +297,4 @@ fn restart_at(history: &mut History, stamp: Stamp) {
         state.stamp = stamp;
         history.restart(&state);
     }
-}
-
-/// Goes on to an event, and takes it in.
-fn happen(state: &mut State, event: &mut Event, params: &FusionParams, sources: &[Source]) {
-    let dt = event.stamp - state.stamp;
-    predict(state, params, dt);
-    state.stamp = event.stamp;
-    let nothing = Matrix3::zeros();
-    match &event.happening {
-        Happening::Begin => {}
-        Happening::Anchor(slot) => state.drop_anchor(usize::from(*slot), Se2::default(), &nothing),
-        Happening::Measured(reading) => {
-            let index = usize::from(event.source);
-            let Some(source) = sources.get(index) else { return };
-            let outcome = take(state, reading, source, index);
-            event.outcome = Some(outcome);
-            if let Some(slot) = source.slot.map(usize::from) {
-                let reference = source.params.reference;
-                let is_motion = matches!(reading, Reading::Motion { .. });
-                if is_motion || reference == Reference::Previous || state.anchors[slot].is_none() {
-                    let (own, spread) = remembered(reading, reference, source.params.components);
-                    state.drop_anchor(slot, own, if is_motion { &nothing } else { &spread });
-                }
-            }
-        }
-    }
-}
-
-/// Corrects the state by a reading, unless it is beyond the gate.
-fn take(state: &mut State, reading: &Reading, source: &Source, index: usize) -> FusionOutcome {
-    let Some(innovation) = linearize(state, reading, source) else { return FusionOutcome::Anchored };
-    let degrees = innovation.rows();
-    let Some(weighed) = weigh(state, &innovation) else { return FusionOutcome::Degenerate };
-    let (nis, limit) = (weighed.nis, source.gate.limit(degrees));
-    let patience = source.params.gate_patience;
-    let tally = &mut state.tallies[index];
-    if nis > limit && !(patience > 0 && tally.gated_in_a_row >= patience) {
-        tally.gated += 1;
-        tally.gated_in_a_row = tally.gated_in_a_row.saturating_add(1);
-        return FusionOutcome::Gated { nis, limit };
-    }
-    tally.accepted += 1;
-    tally.gated_in_a_row = 0;
-    tally.nis_sum += nis;
-    tally.degrees_of_freedom += degrees as u64;
-    apply(state, &weighed);
-    FusionOutcome::Applied { nis, degrees }
-}
-
-/// What users see of a state; none if its covariance were none, which Joseph's form keeps from happening.
-fn fused(state: &State) -> Option<FusedState> {
-    let sigma = |at: usize| state.covariance[at][at].max(0.0).sqrt();
-    Some(FusedState {
-        stamp: state.stamp,
-        pose: UncertainPose::new(state.map_from_base, state.block(POSE, POSE)).ok()?,
-        twist: state.twist,
-        twist_covariance: state.block(VELOCITY, VELOCITY),
-        acceleration: state.acceleration,
-        gyro_bias: (state.gyro_bias, sigma(GYRO_BIAS)),
-        distance_scale: (state.distance_scale, sigma(DISTANCE_SCALE)),
-        yaw_scale: (state.yaw_scale, sigma(YAW_SCALE)),
-    })
 }

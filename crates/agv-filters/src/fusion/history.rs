@@ -123,12 +123,15 @@ impl History {
 
     /// Does everything from a place on again.
     pub(super) fn replay(&mut self, from: usize, mut step: impl FnMut(&mut State, &mut Event)) {
-        for place in from.max(1)..self.events.len() {
-            let (Some(before), Some(event)) = (self.states.get(place - 1).copied(), self.events.get_mut(place)) else {
-                return;
-            };
-            if let Some(state) = self.states.get_mut(place) {
-                *state = before;
+        // The state of an event that has just been put to the end is the one before it.
+        let appended = from + 1 == self.events.len();
+        let from = from.clamp(1, self.events.len());
+        for (place, event) in (from..).zip(self.events.range_mut(from..)) {
+            let mut pair = self.states.range_mut(place - 1..=place);
+            if let (Some(before), Some(state)) = (pair.next(), pair.next()) {
+                if !appended {
+                    *state = *before;
+                }
                 step(state, event);
             }
         }

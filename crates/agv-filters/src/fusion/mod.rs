@@ -12,10 +12,12 @@
 //!
 //! The covariance is one of right increments, in the frame of the base.
 
+mod answers;
 #[cfg(feature = "serde")]
 mod checkpoint;
 mod correct;
 mod filter;
+mod happen;
 mod history;
 mod linearize;
 mod measurement;

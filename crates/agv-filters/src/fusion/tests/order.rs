@@ -8,6 +8,7 @@ enum Source {
     Gyro,
     Tracker,
     Beacon,
+    Own,
 }
 
 /// Three seconds of a drive in order of time, each measurement with its source and time.
@@ -28,6 +29,10 @@ fn drive(seed: u64) -> Vec<(f64, Source, Measurement)> {
             let pose = truth.pose.plus(&error);
             messages.push((now, Source::Tracker, seen(now, pose, squares([0.02, 0.02, 0.01])).into()));
         }
+        if step % 25 == 0 {
+            let pose = Se2::new(4.0, -1.0, 2.0) * truth.pose;
+            messages.push((now, Source::Own, seen(now, pose, squares([0.02, 0.02, 0.01])).into()));
+        }
         if step % 45 == 0 {
             let place = UncertainVector::from_sigmas(truth.pose.translation(), &Vector2::repeat(0.1)).unwrap();
             messages.push((now, Source::Beacon, PositionObservation::new(at(now), place).into()));
@@ -36,15 +41,16 @@ fn drive(seed: u64) -> Vec<(f64, Source, Measurement)> {
     messages
 }
 
-fn filter(params: FusionParams) -> (FusionFilter, [SourceId; 4]) {
+fn filter(params: FusionParams) -> (FusionFilter, [SourceId; 5]) {
     let mut filter = FusionFilter::new(params).unwrap();
-    let sources = [SourceParams::wheels(), SourceParams::imu(), SourceParams::pose(), SourceParams::position()]
+    let own = SourceParams { reference: Reference::First, ..SourceParams::pose() };
+    let sources = [SourceParams::wheels(), SourceParams::imu(), SourceParams::pose(), SourceParams::position(), own]
         .map(|source| filter.add_source(SourceParams { gate: 0.99, ..source }).unwrap());
     filter.initialize_at(at(0.0), &belief(Se2::default())).unwrap();
     (filter, sources)
 }
 
-fn fuse_all(filter: &mut FusionFilter, ids: [SourceId; 4], messages: &[(f64, Source, Measurement)]) {
+fn fuse_all(filter: &mut FusionFilter, ids: [SourceId; 5], messages: &[(f64, Source, Measurement)]) {
     for (_, source, measurement) in messages {
         filter.fuse(ids[*source as usize], *measurement).unwrap();
     }
@@ -59,7 +65,7 @@ fn delayed(messages: &[(f64, Source, Measurement)], most: f64, seed: u64) -> Vec
     by_arrival.into_iter().map(|(_, message)| message).collect()
 }
 
-fn assert_same(a: &FusionFilter, b: &FusionFilter, ids: [SourceId; 4], tolerance: f64) {
+fn assert_same(a: &FusionFilter, b: &FusionFilter, ids: [SourceId; 5], tolerance: f64) {
     let (x, y) = (a.state().unwrap(), b.state().unwrap());
     assert_eq!(x.stamp, y.stamp);
     assert!(x.pose.mean().minus(y.pose.mean()).norm() <= tolerance);
