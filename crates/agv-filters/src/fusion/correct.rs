@@ -6,7 +6,8 @@
 //! ```
 //!
 //! which is Joseph's form, written as two updates of low rank: what the second one subtracts would vanish if the numbers did not
-//! round, and takes back what the first one lost by it. Rows of `H` have few entries, and zeros are passed over. A pose that was
+//! round, and takes back what the first one lost by it. Rows of `H` have few entries, and zeros are passed over, as are anchors that are
+//! not there. A pose that was
 //! turned by a correction has its errors turned back by it, since they are along its axes.
 
 use super::state::{Covariance, DIMENSION, POSE, Row, State, anchor_at};
@@ -66,11 +67,11 @@ pub(super) struct Weighed {
 
 /// Weighs an innovation; none if its covariance is not positive definite, as rounding may make it.
 pub(super) fn weigh(state: &State, innovation: &Innovation) -> Option<Weighed> {
-    let rows = innovation.rows;
+    let (rows, used) = (innovation.rows, state.used());
     let mut projected = [[0.0; DIMENSION]; MOST_ROWS];
     let mut spread = innovation.noise;
     for (projection, jacobian) in projected.iter_mut().zip(&innovation.jacobian).take(rows) {
-        *projection = times(&state.covariance, jacobian);
+        *projection = times(&state.covariance, jacobian, used);
     }
     for (row, projection) in spread.iter_mut().zip(&projected).take(rows) {
         for (entry, jacobian) in row.iter_mut().zip(&innovation.jacobian).take(rows) {
@@ -105,50 +106,50 @@ pub(super) fn weigh(state: &State, innovation: &Innovation) -> Option<Weighed> {
 /// Corrects the state.
 pub(super) fn apply(state: &mut State, weighed: &Weighed) {
     let Weighed { innovation, projected, root, .. } = weighed;
-    let rows = innovation.rows;
+    let (rows, used) = (innovation.rows, state.used());
     // Kᵀ = S⁻¹ H P: forwards and backwards through the root.
     let mut gain = *projected;
     for i in 0..rows {
         for k in 0..i {
             let known = gain[k];
-            add(&mut gain[i], &known, -root[i][k]);
+            add(&mut gain[i], &known, -root[i][k], used);
         }
         gain[i].iter_mut().for_each(|entry| *entry /= root[i][i]);
     }
     for i in (0..rows).rev() {
         for k in i + 1..rows {
             let known = gain[k];
-            add(&mut gain[i], &known, -root[k][i]);
+            add(&mut gain[i], &known, -root[k][i], used);
         }
         gain[i].iter_mut().for_each(|entry| *entry /= root[i][i]);
     }
 
     let mut correction = [0.0; DIMENSION];
     for (weights, residual) in gain.iter().zip(&innovation.residual).take(rows) {
-        add(&mut correction, weights, *residual);
+        add(&mut correction, weights, *residual, used);
     }
 
     let covariance = &mut state.covariance;
     for (projection, weights) in projected.iter().zip(&gain).take(rows) {
-        for (column, weight) in covariance.iter_mut().zip(projection) {
-            add(column, weights, -weight);
+        for (column, weight) in covariance.iter_mut().zip(projection).take(used) {
+            add(column, weights, -weight, used);
         }
     }
     // A Hᵀ - K R, which only rounding leaves.
     let mut rests = [[0.0; DIMENSION]; MOST_ROWS];
     for (rest, (jacobian, noise)) in rests.iter_mut().zip(innovation.jacobian.iter().zip(&innovation.noise)).take(rows)
     {
-        *rest = times(covariance, jacobian);
+        *rest = times(covariance, jacobian, used);
         for (weights, variance) in gain.iter().zip(noise).take(rows) {
-            add(rest, weights, -variance);
+            add(rest, weights, -variance, used);
         }
     }
     for (rest, weights) in rests.iter().zip(&gain).take(rows) {
-        for (column, weight) in covariance.iter_mut().zip(weights) {
-            add(column, rest, -weight);
+        for (column, weight) in covariance.iter_mut().zip(weights).take(used) {
+            add(column, rest, -weight, used);
         }
     }
-    symmetrize(covariance);
+    symmetrize(covariance, used);
 
     state.shift(&correction);
     let covariance = &mut state.covariance;
@@ -163,28 +164,28 @@ fn dot(a: &Row, b: &Row) -> f64 {
     a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
-/// `P hᵀ`, for a row of few entries.
+/// `P hᵀ`, for a row of few entries, over the first `used` errors.
 #[inline]
-fn times(covariance: &Covariance, jacobian: &Row) -> Row {
+fn times(covariance: &Covariance, jacobian: &Row, used: usize) -> Row {
     let mut product = [0.0; DIMENSION];
-    for (column, weight) in covariance.iter().zip(jacobian) {
+    for (column, weight) in covariance.iter().zip(jacobian).take(used) {
         if *weight != 0.0 {
-            add(&mut product, column, *weight);
+            add(&mut product, column, *weight, used);
         }
     }
     product
 }
 
 #[inline]
-fn add(target: &mut Row, source: &Row, weight: f64) {
-    for (entry, value) in target.iter_mut().zip(source) {
+fn add(target: &mut Row, source: &Row, weight: f64, used: usize) {
+    for (entry, value) in target.iter_mut().zip(source).take(used) {
         *entry += weight * value;
     }
 }
 
 /// Takes the mean of each pair of mirrored entries.
-fn symmetrize(covariance: &mut Covariance) {
-    for (i, j) in (1..DIMENSION).flat_map(|i| (0..i).map(move |j| (i, j))) {
+fn symmetrize(covariance: &mut Covariance, used: usize) {
+    for (i, j) in (1..used).flat_map(|i| (0..i).map(move |j| (i, j))) {
         let mean = 0.5 * (covariance[i][j] + covariance[j][i]);
         covariance[i][j] = mean;
         covariance[j][i] = mean;
@@ -212,7 +213,7 @@ fn turn_back(covariance: &mut Covariance, at: usize, angle: f64) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::fusion::state::ANCHORS;
+    use crate::fusion::state::{ANCHORS, MAX_ANCHORS};
     use agv_core::{compute::Seed, geometry::Se2, time::Stamp};
     use nalgebra::{Matrix3, SMatrix};
     use rand_distr::{Distribution, StandardNormal};
@@ -230,6 +231,7 @@ mod tests {
 
         let pose = Matrix3::identity();
         let mut state = State::new(Stamp::default(), Se2::default(), &pose, &[0.0; ANCHORS]);
+        (0..MAX_ANCHORS).for_each(|slot| state.drop_anchor(slot, Se2::default(), &pose));
         for column in 0..DIMENSION {
             for row in 0..DIMENSION {
                 state.covariance[column][row] = p[(row, column)];

@@ -100,7 +100,8 @@ pub(super) fn predict(state: &mut State, params: &FusionParams, dt: f64) {
             transition[ACCELERATION + j][ACCELERATION + j] = push.keep;
         }
     }
-    carry(&mut state.covariance, &transition);
+    let used = state.used();
+    carry(&mut state.covariance, &transition, used);
 
     let noise = &mut state.covariance;
     for (k, step) in steps.iter().enumerate() {
@@ -132,12 +133,12 @@ pub(super) fn predict(state: &mut State, params: &FusionParams, dt: f64) {
 }
 
 /// `F P Fᵀ` for a transition that mixes the leading errors only; most of its entries are zero.
-fn carry(covariance: &mut Covariance, transition: &[[f64; MOVING]; MOVING]) {
+fn carry(covariance: &mut Covariance, transition: &[[f64; MOVING]; MOVING], used: usize) {
     let mut right = [[0.0; DIMENSION]; MOVING];
     for (column, weights) in right.iter_mut().zip(transition) {
         for (weight, source) in weights.iter().zip(covariance.iter()) {
             if *weight != 0.0 {
-                for (entry, value) in column.iter_mut().zip(source) {
+                for (entry, value) in column.iter_mut().zip(source).take(used) {
                     *entry += weight * value;
                 }
             }
@@ -149,7 +150,7 @@ fn carry(covariance: &mut Covariance, transition: &[[f64; MOVING]; MOVING]) {
             covariance[c][r] = sum;
             covariance[r][c] = sum;
         }
-        for r in MOVING..DIMENSION {
+        for r in MOVING..used {
             covariance[c][r] = column[r];
             covariance[r][c] = column[r];
         }

@@ -134,6 +134,11 @@ impl State {
         }
     }
 
+    /// Errors up to the last anchor that is there; the others are zero, and so are their covariances.
+    pub(super) fn used(&self) -> usize {
+        ANCHORS + 3 * self.anchors.iter().rposition(Option::is_some).map_or(0, |slot| slot + 1)
+    }
+
     /// A square of three errors, or the covariance between two of them.
     pub(super) fn block(&self, row: usize, column: usize) -> Matrix3<f64> {
         Matrix3::from_fn(|i, j| self.covariance[column + j][row + i])
