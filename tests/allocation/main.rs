@@ -4,6 +4,7 @@
 
 mod counter;
 mod frames_and_solvers;
+mod fusion;
 mod grids;
 mod localization;
 mod mapping;

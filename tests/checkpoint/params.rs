@@ -96,6 +96,7 @@ table! {
     control::track::StanleyParams,
     control::tune::OnlineTunerParams,
     control::tune::StepCostParams,
+    filters::fusion::FusionParams,
     filters::kalman::PoseFilterParams,
     filters::particle::AckermannOdometryParams,
     filters::particle::BeamModelParams,

@@ -3,6 +3,8 @@
 //! # Overview
 //! [`kalman`] holds the Kalman filters: [`kalman::PoseFilter`] smooths measured poses by odometry.
 //!
+//! [`fusion`] joins any mix of odometry, inertial units, poses, places and velocities ([`fusion::FusionFilter`]).
+//!
 //! [`particle`] holds Monte Carlo localisation: a set of weighted poses that odometry moves ([`particle::MotionModel`])
 //! and scans weigh ([`particle::SensorModel`]), put together by [`particle::Mcl`], which plays the roles
 //! [`Localizer`](agv_core::roles::Localizer) and [`Correct`](agv_core::roles::Correct).
@@ -17,6 +19,7 @@
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+pub mod fusion;
 pub mod kalman;
 pub mod marker;
 pub mod particle;

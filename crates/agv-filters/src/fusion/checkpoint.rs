@@ -1,0 +1,42 @@
+//! A filter as it is stored, before it is checked.
+
+use super::{
+    FusionFilter, FusionParams,
+    filter::Traffic,
+    history::History,
+    source::{MAX_SOURCES, Source},
+    state::MAX_ANCHORS,
+};
+use agv_core::{Error, check, roles::StatusMonitor};
+
+#[derive(serde::Deserialize)]
+pub(super) struct RawFilter {
+    params: FusionParams,
+    sources: Vec<Source>,
+    traffic: Vec<Traffic>,
+    history: Option<History>,
+    timed: bool,
+    strange: u32,
+    outlet: Option<u8>,
+    monitor: StatusMonitor,
+}
+
+impl TryFrom<RawFilter> for FusionFilter {
+    type Error = Error;
+
+    fn try_from(raw: RawFilter) -> Result<Self, Error> {
+        let RawFilter { params, sources, traffic, mut history, timed, strange, outlet, monitor } = raw;
+        let fresh = Self::new(params)?;
+        check::in_range("sources", sources.len() as f64, 0.0, MAX_SOURCES as f64)?;
+        check::length("traffic", traffic.len(), sources.len())?;
+        sources.iter().try_for_each(|source| source.params.validate(&params))?;
+        for slot in sources.iter().filter_map(|source| source.slot).chain(outlet) {
+            check::in_range("slot", f64::from(slot), 0.0, MAX_ANCHORS as f64 - 1.0)?;
+        }
+        if let Some(history) = &mut history {
+            history.validate()?;
+            history.reserve(params.capacity);
+        }
+        Ok(Self { sources, traffic, history, timed, strange, outlet, monitor, ..fresh })
+    }
+}

@@ -1,0 +1,37 @@
+//! Sensor fusion: any mix of odometry, inertial units, poses, places and velocities, each with its own time, rate, noise and
+//! mount.
+//!
+//! [`FusionFilter`] is what users of `robot_localization` know as its EKF node (Moore and Stouch 2014), in the plane:
+//!
+//! - every source has its own [`SourceParams`]: which numbers count ([`Components`]), what poses refer to ([`Reference`]: the map,
+//!   the measurement before, the first one), noise, gate, latency, time-out; mounts come with the measurements;
+//! - measurements come in any order and are applied in the order of their stamps, from a bounded history;
+//! - what users of such filters meet is mended by construction: a motion is measured between two poses of the state, so its
+//!   covariance is right however it is sampled; velocities that nobody measures do not grow without bound; a clock that jumps is
+//!   noticed; and [`SourceDiagnostics`] say which source disagrees.
+//!
+//! The covariance is one of right increments, in the frame of the base.
+
+mod answers;
+#[cfg(feature = "serde")]
+mod checkpoint;
+mod correct;
+mod filter;
+mod happen;
+mod history;
+mod linearize;
+mod measurement;
+mod params;
+mod process;
+mod report;
+mod source;
+mod state;
+
+pub use filter::FusionFilter;
+pub use measurement::Measurement;
+pub use params::{FusionParams, MotionParams, Wander};
+pub use report::{FusedState, FusionOutcome, SourceDiagnostics};
+pub use source::{Components, MotionNoise, NoiseFloor, Reference, SourceId, SourceParams};
+
+#[cfg(test)]
+mod tests;
