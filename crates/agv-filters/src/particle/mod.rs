@@ -7,8 +7,12 @@
 //! Particles are handled in fixed chunks of [`CHUNK`](agv_core::compute::CHUNK), each with a random stream keyed by
 //! (seed, step, chunk): a run has the same bits for any number of threads and continues from a checkpoint with them.
 
+mod chi_square;
+mod cluster;
 mod free_space;
 mod gaussian;
+mod histogram;
+mod kld;
 mod mcl;
 mod moments;
 mod motion;
@@ -21,7 +25,10 @@ mod trig;
 mod update_policy;
 mod weights;
 
+pub use cluster::{Clusters, Hypothesis, Hysteresis};
 pub use free_space::FreeSpace;
+pub use histogram::{PoseBins, PoseHistogram};
+pub use kld::{KldBound, KldParams, KldQuantile, KldSampling};
 #[cfg(feature = "serde")]
 pub use mcl::MclCheckpoint;
 pub use mcl::{Mcl, MclDiagnostics, MclParams};
