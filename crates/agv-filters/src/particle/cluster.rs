@@ -92,7 +92,7 @@ impl Clusters {
         &self.hypotheses
     }
 
-    /// The hypotheses of a set, by falling weight; of equal ones that of the earlier particle comes first.
+    /// The hypotheses of a set, by falling weight.
     ///
     /// Expected O(particles + 27 bins); no allocation within the capacity.
     ///
@@ -109,16 +109,7 @@ impl Clusters {
                 self.hypotheses.push(Hypothesis { weight: part.sums[0], pose, particles: part.particles });
             }
         }
-        // Parts are in the order of their first particles, which an unstable sort would not keep; insertion is quick on the
-        // few that matter, and a stable sort would allocate.
-        let key = |index: usize, h: &[Hypothesis]| h[index].weight;
-        for end in 1..self.hypotheses.len() {
-            let mut at = end;
-            while at > 0 && key(at - 1, &self.hypotheses) < key(at, &self.hypotheses) {
-                self.hypotheses.swap(at - 1, at);
-                at -= 1;
-            }
-        }
+        self.hypotheses.sort_unstable_by(|a, b| b.weight.total_cmp(&a.weight));
         Ok(&self.hypotheses)
     }
 
