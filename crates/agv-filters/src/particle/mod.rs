@@ -41,7 +41,9 @@ pub use kld::{KldBound, KldParams, KldQuantile, KldSampling};
 pub use mcl::MclCheckpoint;
 pub use mcl::{Mcl, MclDiagnostics, MclParams};
 pub use motion::{DifferentialOdometryModel, MotionModel, OdometryNoise};
-pub use proposal::{LikelihoodSearch, LikelihoodSearchParams, PoseProposal, ProposalContext, UniformProposal};
+pub use proposal::{
+    LikelihoodSearch, LikelihoodSearchParams, ObservedPose, PoseProposal, ProposalContext, UniformProposal,
+};
 pub use recovery::{Recovery, RecoveryParams};
 pub use resample::{Resampler, Systematic};
 pub use resample_policy::{And, EffectiveSampleSizeBelow, EntropyBelow, EveryNth, Or, ResampleContext, ResamplePolicy};
