@@ -26,6 +26,7 @@ mod resample_policy;
 mod sample_size;
 mod sensor;
 mod set;
+mod temper;
 mod trig;
 mod update_policy;
 mod weights;
