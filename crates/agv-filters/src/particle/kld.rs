@@ -210,13 +210,31 @@ impl SampleSize for KldSampling {
     }
 
     fn sample_size(&mut self, particles: &ParticleSet<Se2>, stream: &mut Stream) -> usize {
+        self.sample_size_with(particles, &[], 0.0, stream)
+    }
+
+    /// Counts the bins of all that is drawn, as `nav2_amcl` does: particles that search raise the number.
+    fn sample_size_with(
+        &mut self,
+        particles: &ParticleSet<Se2>,
+        fresh: &[Se2],
+        share: f64,
+        stream: &mut Stream,
+    ) -> usize {
         let KldParams { min_particles, max_particles, bound, .. } = self.params;
         let total = self.prepare(particles.weights());
         self.histogram.clear();
         let (mut drawn, mut needed, mut counted) = (0, min_particles, 0);
+        let mut fresh = fresh.iter();
         while drawn < needed {
-            let particle = self.particle_at(stream.random(), total);
-            self.histogram.insert(&particles.states()[particle], 1.0);
+            // Elsewhere as often as its share says; from the old set where nothing elsewhere is left.
+            let is_fresh = (drawn as f64 * share).floor() < ((drawn + 1) as f64 * share).floor();
+            let elsewhere = if is_fresh { fresh.next() } else { None };
+            let pose = elsewhere.unwrap_or_else(|| {
+                let particle = self.particle_at(stream.random(), total);
+                &particles.states()[particle]
+            });
+            self.histogram.insert(pose, 1.0);
             drawn += 1;
             // The bound grows with the bins, so that it need not be asked before the last answer is reached.
             if drawn == needed && self.histogram.len() > counted {

@@ -25,29 +25,31 @@ pub struct RecoveryParams {
     pub tolerance: f64,
     /// Share of explained readings below which the estimate is doubted, in [0, 1]; zero switches the second sign off.
     pub explained: f64,
-    /// Share of explained readings at which nothing more could be worse; at most [`explained`](Self::explained).
-    pub unexplained: f64,
     /// Weight of the latest observation in the mean share of explained readings, in (0, 1].
     pub smoothing: f64,
-    /// Share of new particles where the estimate explains nothing, in [0, 1].
+    /// Least share of new particles while there is doubt, in [0, 1].
     pub search_share: f64,
+    /// Observations over which the search goes on after the last sign of doubt, or after a belief that says nothing: the first
+    /// place that fits need not be the right one.
+    pub persistence: u32,
     /// Most new particles, as a share of all, in [0, 1]; zero switches recovery off.
     pub max_share: f64,
 }
 
 impl Default for RecoveryParams {
-    /// The means of `nav2_amcl`'s guide, 0.001 and 0.1, with a tolerance of 1.25 that keeps a filter that tracks from drawing
+    /// The means of `nav2_amcl`'s guide, 0.001 and 0.1, with a tolerance of 1.2 that keeps a filter that tracks from drawing
     /// elsewhere all the time. An estimate is doubted below 0.6 of its readings, which a right pose explains but for the worst
-    /// scans (`StatusParams`), and wholly so at 0.35, which a wrong one explains by chance; a quarter of the particles search then.
+    /// scans (`StatusParams`). A quarter of the particles search then, for 15 observations: three metres, in which most places
+    /// that look alike begin to differ.
     fn default() -> Self {
         Self {
             alpha_slow: 0.001,
             alpha_fast: 0.1,
-            tolerance: 1.25,
+            tolerance: 1.2,
             explained: 0.6,
-            unexplained: 0.35,
             smoothing: 0.4,
             search_share: 0.25,
+            persistence: 15,
             max_share: 0.5,
         }
     }
@@ -66,7 +68,8 @@ impl RecoveryParams {
             alpha_fast,
             tolerance: 1.0,
             explained: 0.0,
-            unexplained: 0.0,
+            search_share: 0.0,
+            persistence: 0,
             max_share: 1.0,
             ..Self::default()
         }
@@ -81,7 +84,6 @@ impl RecoveryParams {
         check::in_range("alpha_fast", self.alpha_fast, 0.0, 1.0)?;
         check::in_range("tolerance", self.tolerance, 1.0, f64::MAX)?;
         check::in_range("explained", self.explained, 0.0, 1.0)?;
-        check::in_range("unexplained", self.unexplained, 0.0, self.explained)?;
         check::positive("smoothing", self.smoothing)?;
         check::in_range("smoothing", self.smoothing, 0.0, 1.0)?;
         check::in_range("search_share", self.search_share, 0.0, 1.0)?;
@@ -114,6 +116,8 @@ pub struct Recovery {
     slow: f64,
     fast: f64,
     explained: Option<f64>,
+    /// Observations for which the search goes on.
+    searching: u32,
 }
 
 /// A [`Recovery`] as it is stored, before it is checked.
@@ -125,6 +129,8 @@ struct RawRecovery {
     slow: f64,
     fast: f64,
     explained: Option<f64>,
+    /// Observations for which the search goes on.
+    searching: u32,
 }
 
 #[cfg(feature = "serde")]
@@ -132,11 +138,11 @@ impl TryFrom<RawRecovery> for Recovery {
     type Error = Error;
 
     fn try_from(raw: RawRecovery) -> Result<Self, Error> {
-        let RawRecovery { params, observations, slow, fast, explained } = raw;
+        let RawRecovery { params, observations, slow, fast, explained, searching } = raw;
         check::non_negative("slow mean", slow)?;
         check::non_negative("fast mean", fast)?;
         check::in_range("explained", explained.unwrap_or_default(), 0.0, 1.0)?;
-        Ok(Self { observations, slow, fast, explained, ..Self::new(params)? })
+        Ok(Self { observations, slow, fast, explained, searching, ..Self::new(params)? })
     }
 }
 
@@ -147,7 +153,7 @@ impl Recovery {
     /// Parameters that [`validate`](RecoveryParams::validate) refuses.
     pub fn new(params: RecoveryParams) -> Result<Self, Error> {
         params.validate()?;
-        Ok(Self { params, observations: 0, slow: 0.0, fast: 0.0, explained: None })
+        Ok(Self { params, observations: 0, slow: 0.0, fast: 0.0, explained: None, searching: 0 })
     }
 
     /// The parameters.
@@ -162,7 +168,12 @@ impl Recovery {
 
     /// Forgets the past: a new belief was given.
     pub fn clear(&mut self) {
-        *self = Self { params: self.params, observations: 0, slow: 0.0, fast: 0.0, explained: None };
+        *self = Self { params: self.params, observations: 0, slow: 0.0, fast: 0.0, explained: None, searching: 0 };
+    }
+
+    /// Searches with the next observations whatever they say: the belief says nothing.
+    pub fn search(&mut self) {
+        self.searching = self.params.persistence;
     }
 
     /// An observation was applied, with this logarithm of the mean likelihood over the belief, per independent reading, and
@@ -185,16 +196,12 @@ impl Recovery {
             self.explained = Some(mean + smoothing * (share - mean));
         }
         let fallen = if alpha_fast > 0.0 && self.slow > 0.0 { 1.0 - tolerance * self.fast / self.slow } else { 0.0 };
-        let share = fallen.max(search_share * self.doubt());
+        let is_unexplained = self.explained.is_some_and(|share| share < self.params.explained);
         // Of less than a hundredth nothing is found.
-        if share < 0.01 { 0.0 } else { share.min(max_share) }
-    }
-
-    /// How far the estimate is to be doubted for what it does not explain, from 0 to 1.
-    fn doubt(&self) -> f64 {
-        let RecoveryParams { explained, unexplained, .. } = self.params;
-        let missing = explained - self.explained.unwrap_or(1.0);
-        if missing <= 0.0 { 0.0 } else { (missing / (explained - unexplained)).min(1.0) }
+        let is_in_doubt = is_unexplained || fallen >= 0.01;
+        let is_searching = is_in_doubt || self.searching > 0;
+        self.searching = if is_in_doubt { self.params.persistence } else { self.searching.saturating_sub(1) };
+        if is_searching { fallen.max(search_share).min(max_share) } else { 0.0 }
     }
 }
 
@@ -231,6 +238,22 @@ mod tests {
     }
 
     #[test]
+    fn the_search_goes_on_for_a_while() {
+        let mut recovery = recovery(RecoveryParams { persistence: 4, ..Default::default() });
+        let mut share = |explained| recovery.observed(0.5_f64.ln(), Some(explained));
+        assert_eq!(share(0.9), 0.0);
+        (0..5).for_each(|_| assert!(share(0.1) == 0.25 || share(0.1) == 0.25));
+        let after: Vec<f64> = (0..12).map(|_| share(1.0)).collect();
+        let searched = after.iter().filter(|&&share| share == 0.25).count();
+        // Two until the mean is back above 0.6, and four more.
+        assert!((5..8).contains(&searched) && after[11] == 0.0, "{after:?}");
+        recovery.clear();
+        recovery.search();
+        let shares: Vec<f64> = (0..6).map(|_| recovery.observed(0.5_f64.ln(), Some(1.0))).collect();
+        assert_eq!(shares, [0.25, 0.25, 0.25, 0.25, 0.0, 0.0]);
+    }
+
+    #[test]
     fn shares_stay_in_range_whatever_comes() {
         let mut recovery = recovery(RecoveryParams::default());
         let odd = [f64::NAN, f64::INFINITY, f64::NEG_INFINITY, -1e300, 0.0, 700.0];
@@ -252,7 +275,6 @@ mod tests {
             ("alpha_fast", RecoveryParams { alpha_fast: f64::NAN, ..good }),
             ("tolerance", RecoveryParams { tolerance: 0.9, ..good }),
             ("explained", RecoveryParams { explained: 2.0, ..good }),
-            ("unexplained", RecoveryParams { unexplained: 0.7, ..good }),
             ("smoothing", RecoveryParams { smoothing: 0.0, ..good }),
             ("search_share", RecoveryParams { search_share: -0.1, ..good }),
             ("max_share", RecoveryParams { max_share: 1.5, ..good }),

@@ -33,10 +33,10 @@ const NEGLIGIBLE: f64 = 0.1;
 
 impl<G> Adaptation<G> {
     /// A belief that was just given is one hypothesis.
-    pub(super) fn begin(&mut self, pose: UncertainPose<Se2>, particles: usize) {
+    pub(super) fn begin(&mut self, pose: UncertainPose<Se2>, particles: usize, says_nothing: bool) {
         self.hypotheses.clear();
         self.hypotheses.push(Hypothesis { weight: 1.0, pose, particles });
-        self.doubts.clear();
+        self.doubts.begin(says_nothing);
     }
 
     /// A belief no wider than a bin has one hypothesis, which need not be looked for.

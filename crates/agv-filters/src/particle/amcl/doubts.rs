@@ -13,6 +13,7 @@ const ROOM: usize = 16;
 /// The recoveries of all sensors.
 #[derive(Debug, Clone)]
 pub(super) struct Doubts {
+    /// What a sensor that was not heard of begins with.
     fresh: Recovery,
     entries: Vec<SensorDoubt>,
 }
@@ -31,9 +32,13 @@ impl Doubts {
         Ok(Self { fresh: Recovery::new(params)?, entries: Vec::with_capacity(ROOM) })
     }
 
-    /// Forgets the past.
-    pub(super) fn clear(&mut self) {
+    /// Forgets the past; a belief that says nothing is searched for from the first observation on.
+    pub(super) fn begin(&mut self, says_nothing: bool) {
         self.entries.clear();
+        self.fresh.clear();
+        if says_nothing {
+            self.fresh.search();
+        }
     }
 
     /// The recovery of the sensor that an observation is of.
@@ -54,13 +59,14 @@ impl Doubts {
 
     /// The entries, to store.
     #[cfg(feature = "serde")]
-    pub(super) fn entries(&self) -> &[SensorDoubt] {
-        &self.entries
+    pub(super) fn entries(&self) -> (Recovery, &[SensorDoubt]) {
+        (self.fresh, &self.entries)
     }
 
     /// Takes stored entries.
     #[cfg(feature = "serde")]
-    pub(super) fn restore(&mut self, entries: &[SensorDoubt]) {
+    pub(super) fn restore(&mut self, fresh: Recovery, entries: &[SensorDoubt]) {
+        self.fresh = fresh;
         self.entries.clear();
         self.entries.extend_from_slice(entries);
     }

@@ -210,7 +210,8 @@ where
     fn initialize(&mut self, belief: &PoseBelief<Se2>) -> Result<(), LocalizationError> {
         self.mcl.initialize_with(belief, self.around)?;
         if let Some(estimate) = self.mcl.estimate() {
-            self.adaptation.begin(estimate.pose, self.mcl.particles().len());
+            let says_nothing = matches!(belief, PoseBelief::Anywhere);
+            self.adaptation.begin(estimate.pose, self.mcl.particles().len(), says_nothing);
         }
         Ok(())
     }

@@ -179,13 +179,15 @@ where
         let resampled = self.rules.resample.is_due(&context) || share > 0.0;
         let mut fresh = 0;
         if resampled {
-            let count = self.rules.size.sample_size(particles, &mut size_seed.stream(*step, 0));
-            let count = count.clamp(1, particles.capacity());
-            let most = (share * count as f64).round() as usize;
+            let most = (share * particles.capacity() as f64).round() as usize;
             let context = ProposalContext::new(&self.free_space, self.par, proposal_seed, *step);
             let proposed = if most > 0 { adapt.propose(observation, &mut self.sensor, &context, most) } else { &[] };
+            let stream = &mut size_seed.stream(*step, 0);
+            let count = self.rules.size.sample_size_with(particles, proposed, share, stream);
+            let count = count.clamp(1, particles.capacity());
+            let wanted = (share * count as f64).round() as usize;
             // One at least is kept, so that there is a set to add to.
-            fresh = proposed.len().min(count - 1);
+            fresh = proposed.len().min(wanted).min(count - 1);
             particles.resample(count - fresh, &self.rules.resampler, &mut seed.stream(*step, 0), self.par);
             particles.extend(&proposed[..fresh]);
             *step += 1;

@@ -42,12 +42,12 @@ pub struct LikelihoodSearchParams {
 }
 
 impl Default for LikelihoodSearchParams {
-    /// A candidate each 0.5 m and 10°, 144 per square metre, of which at most 50 000 are tried at once: 60 beams of them
+    /// A candidate each 0.5 m and 10°, 144 per square metre, of which at most 30 000 are tried at once: 60 beams of them
     /// take some milliseconds, and a search that misses is repeated with the next scan. 100 are refined, to 3 cm and 1°.
     fn default() -> Self {
         Self {
             density: 144.0,
-            max_candidates: 50_000,
+            max_candidates: 30_000,
             bins: PoseBins::default(),
             refined: 100,
             rounds: 4,
