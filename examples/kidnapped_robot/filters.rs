@@ -72,11 +72,11 @@ impl Kind {
                     AmclParams { particles: 1500, kld, recovery, least_effective: 0.0, ..AmclParams::default() };
                 let amcl = Amcl::new(motion, sensors, space, params, seed)?.with_parallelism(par);
                 // Uniform for scans; a code is drawn from all the same.
-                Box::new(Adaptive { amcl: amcl.with_proposal(Anywhere), with_codes, last: String::new() })
+                Box::new(Adaptive { amcl: amcl.with_proposal(Anywhere), with_codes })
             }
             Self::Search | Self::SearchAndCodes => {
                 let amcl = Amcl::new(motion, sensors, space, AmclParams::default(), seed)?.with_parallelism(par);
-                Box::new(Adaptive { amcl, with_codes, last: String::new() })
+                Box::new(Adaptive { amcl, with_codes })
             }
         };
         filter.start(belief)?;
@@ -96,9 +96,6 @@ pub(crate) trait Filter {
     fn particles(&self) -> &[Se2];
 
     fn status(&self) -> LocalizationStatus;
-    fn debug(&mut self, _: &Step) -> String {
-        String::new()
-    }
 }
 
 struct Plain<F>(F);
@@ -106,7 +103,6 @@ struct Plain<F>(F);
 struct Adaptive<G> {
     amcl: Amcl<DifferentialOdometryModel, Sensors, G>,
     with_codes: bool,
-    last: String,
 }
 
 macro_rules! filter_methods {
@@ -149,32 +145,12 @@ where
 {
     filter_methods!(amcl);
 
-    fn debug(&mut self, step: &Step) -> String {
-        let mut s = self.amcl.sensor().clone();
-        let e = self.pose().unwrap();
-        let mut o = [0.0; 2];
-        WeighParticles::<LaserScan>::weigh(&mut s, &step.scan, &[step.truth, e], &mut o, Par::Seq).ok();
-        let x = s.explained(&step.scan, &step.truth);
-        let r = self.amcl.recovery("laser scan", agv_nav::core::sensors::SensorId::default()).map(|r| r.means());
-        format!(
-            "{} fresh {} truth {:.1} ({x:?}) est {:.1} means {r:?} hyp {} best w {:.2}",
-            self.last,
-            self.amcl.diagnostics().fresh,
-            o[0],
-            o[1],
-            self.amcl.hypotheses().len(),
-            self.amcl.hypotheses()[0].weight
-        )
-    }
-
     fn follow(&mut self, step: &Step) -> Result<bool> {
         self.amcl.predict(&step.odometry)?;
         if step.is_standing {
             self.amcl.request_update();
         }
-        let o = self.amcl.update(&step.scan)?;
-        self.last = format!("{o:?}");
-        let applied = matches!(o, UpdateOutcome::Applied(_));
+        let applied = matches!(self.amcl.update(&step.scan)?, UpdateOutcome::Applied(_));
         if let Some(code) = step.code.filter(|_| self.with_codes) {
             self.amcl.update(&code)?;
         }

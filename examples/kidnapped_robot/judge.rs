@@ -45,14 +45,6 @@ pub(crate) fn follow(filter: &mut dyn Filter, drive: &Drive) -> Result<Outcome> 
         let estimate = filter.pose().unwrap_or_default();
         let error = (estimate.translation() - step.truth.translation()).norm();
         deceived += usize::from(error > 1.0 && filter.status() == LocalizationStatus::Tracking);
-        if std::env::var("DBG").is_ok() {
-            eprintln!(
-                "{:.1} err {error:.2} n {} {}",
-                step.time - after as f64 * DT,
-                filter.particles().len(),
-                filter.debug(step)
-            );
-        }
         out.errors.push(error);
         out.heading_errors.push(angle_difference(estimate.yaw(), step.truth.yaw()).abs());
         out.estimates.push(estimate);

@@ -172,7 +172,8 @@ where
     {
         let seeds = [Draw::SampleSize, Draw::Resampling, Draw::Proposal].map(|draw| self.seed_for(draw));
         let [size_seed, seed, proposal_seed] = seeds;
-        let Belief { particles, step, drawn, diagnostics, odom_from_base, .. } = &mut self.belief;
+        let Belief { particles, step, drawn, diagnostics, odom_from_base, known, .. } = &mut self.belief;
+        let estimate = known.map_or_else(Se2::identity, |known| *known.pose.mean());
         drawn.updates += 1;
         let motion = drawn.odom_from_base.between(odom_from_base);
         let context = ResampleContext::new(weights, particles.len(), drawn.updates, motion);
@@ -180,7 +181,7 @@ where
         let mut fresh = 0;
         if resampled {
             let most = (share * particles.capacity() as f64).round() as usize;
-            let context = ProposalContext::new(&self.free_space, self.par, proposal_seed, *step);
+            let context = ProposalContext::new(&self.free_space, estimate, self.par, proposal_seed, *step);
             let proposed = if most > 0 { adapt.propose(observation, &mut self.sensor, &context, most) } else { &[] };
             let stream = &mut size_seed.stream(*step, 0);
             let count = self.rules.size.sample_size_with(particles, proposed, share, stream);

@@ -17,6 +17,8 @@ pub use search::{LikelihoodSearch, LikelihoodSearchParams};
 pub struct ProposalContext<'a> {
     /// Where the vehicle can stand.
     pub free_space: &'a FreeSpace,
+    /// Where the vehicle is taken to be.
+    pub estimate: Se2,
     /// How its loops run.
     pub par: Par,
     seed: Seed,
@@ -25,8 +27,8 @@ pub struct ProposalContext<'a> {
 
 impl<'a> ProposalContext<'a> {
     /// Draws from the streams of (`seed`, `step`), which nothing else may draw from.
-    pub const fn new(free_space: &'a FreeSpace, par: Par, seed: Seed, step: u64) -> Self {
-        Self { free_space, par, seed, step }
+    pub const fn new(free_space: &'a FreeSpace, estimate: Se2, par: Par, seed: Seed, step: u64) -> Self {
+        Self { free_space, estimate, par, seed, step }
     }
 
     /// The random stream of a chunk, for one `part` of the work.
