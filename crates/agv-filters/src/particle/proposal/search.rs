@@ -206,6 +206,9 @@ impl LikelihoodSearch {
         context: &ProposalContext<'_>,
     ) {
         let (trials, found) = (self.params.trials, &self.found);
+        if trials == 0 {
+            return;
+        }
         let scale = self.scale(round);
         self.candidates.clear();
         self.candidates.resize(found.len() * trials, Se2::identity());
@@ -215,7 +218,7 @@ impl LikelihoodSearch {
                 sigma * z
             }))
         });
-        if !self.weigh(observation, sensor, context) || trials == 0 {
+        if !self.weigh(observation, sensor, context) {
             return;
         }
         let tried = self.candidates.chunks(trials).zip(self.log_likelihoods.chunks(trials));
@@ -287,5 +290,90 @@ impl<S: ?Sized> PoseProposal<PoseObservation<Se2>, S> for LikelihoodSearch {
 
     fn share(&self, observation: &PoseObservation<Se2>, expected: &UncertainPose<Se2>, doubted: f64) -> f64 {
         PoseProposal::<_, S>::share(&ObservedPose::default(), observation, expected, doubted)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::particle::FreeSpace;
+    use agv_core::{
+        compute::{Par, Seed},
+        grid::{CellState, Grid, GridLayout},
+        roles::SkipReason,
+    };
+
+    /// Two peaks, the second lower by so much.
+    struct Peaks(f64);
+
+    const PEAKS: [(f64, f64, f64); 2] = [(2.0, 3.0, 0.5), (7.0, 6.0, -2.0)];
+
+    impl WeighParticles<()> for Peaks {
+        fn weigh(&mut self, (): &(), poses: &[Se2], out: &mut [f64], _: Par) -> Result<(), SkipReason> {
+            for (value, pose) in out.iter_mut().zip(poses) {
+                let [first, second] = PEAKS.map(|(x, y, yaw)| -pose.minus(&Se2::new(x, y, yaw)).norm_squared() * 50.0);
+                *value = first.max(second - self.0);
+            }
+            if self.0.is_finite() { Ok(()) } else { Err(SkipReason::Unexplained) }
+        }
+    }
+
+    fn space() -> FreeSpace {
+        let layout = GridLayout::new(100, 80, 0.1, Se2::identity()).unwrap();
+        FreeSpace::new(&Grid::filled(layout, CellState::Free), 0.0).unwrap()
+    }
+
+    #[test]
+    fn both_peaks_are_found_and_drawn_by_their_power() {
+        let space = space();
+        let mut search = LikelihoodSearch::new(LikelihoodSearchParams::default()).unwrap();
+        let context = ProposalContext::new(&space, Se2::identity(), Par::Seq, Seed(1), 0);
+        assert!(search.search(&(), &mut Peaks(2.0), &context) > 1);
+        for (x, y, yaw) in PEAKS {
+            let nearest = search.found().map(|(pose, _)| pose.minus(&Se2::new(x, y, yaw)).norm()).fold(9.0, f64::min);
+            assert!(nearest < 0.05, "{nearest}");
+        }
+        let mut poses = vec![Se2::identity(); 4000];
+        assert_eq!(search.draw(&context, &mut poses), 4000);
+        let near = |(x, y, yaw): (f64, f64, f64)| {
+            poses.iter().filter(|pose| pose.minus(&Se2::new(x, y, yaw)).norm() < 0.4).count() as f64
+        };
+        // A power of 0.2 of two nats; several places around each peak are drawn from, about as many around either.
+        let ratio = near(PEAKS[1]) / near(PEAKS[0]);
+        assert!((0.3..1.2).contains(&ratio), "{ratio}");
+    }
+
+    #[test]
+    fn an_observation_that_weighs_nothing_finds_nothing() {
+        let space = space();
+        let mut search = LikelihoodSearch::new(LikelihoodSearchParams::default()).unwrap();
+        let context = ProposalContext::new(&space, Se2::identity(), Par::Seq, Seed(1), 0);
+        assert_eq!(search.search(&(), &mut Peaks(f64::NAN), &context), 0);
+        assert_eq!(search.draw(&context, &mut [Se2::identity(); 5]), 0);
+    }
+
+    #[test]
+    fn bad_parameters_are_named() {
+        let good = LikelihoodSearchParams::default();
+        for bad in [
+            LikelihoodSearchParams { density: 0.0, ..good },
+            LikelihoodSearchParams { density: f64::INFINITY, ..good },
+            LikelihoodSearchParams { max_candidates: 0, ..good },
+            LikelihoodSearchParams { max_candidates: usize::MAX, ..good },
+            LikelihoodSearchParams { refined: 0, ..good },
+            LikelihoodSearchParams { trials: usize::MAX, ..good },
+            LikelihoodSearchParams { rounds: 31, ..good },
+            LikelihoodSearchParams { spread: -1.0, ..good },
+            LikelihoodSearchParams { turn: f64::NAN, ..good },
+            LikelihoodSearchParams { margin: -1.0, ..good },
+            LikelihoodSearchParams { power: 1.5, ..good },
+            LikelihoodSearchParams { bins: PoseBins { position: 0.0, ..good.bins }, ..good },
+        ] {
+            assert!(LikelihoodSearch::new(bad).is_err(), "{bad:?}");
+        }
+        let least = LikelihoodSearchParams { max_candidates: 1, refined: 1, trials: 0, rounds: 2, ..good };
+        let (space, mut search) = (space(), LikelihoodSearch::new(least).unwrap());
+        let context = ProposalContext::new(&space, Se2::identity(), Par::Seq, Seed(1), 0);
+        assert_eq!(search.search(&(), &mut Peaks(1.0), &context), 1);
     }
 }
