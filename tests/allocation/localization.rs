@@ -2,7 +2,7 @@
 
 use crate::{
     counter,
-    scenes::{circle, initialized, localize},
+    scenes::{adaptive_filter, circle, initialized, localize, localize_adaptively},
 };
 use agv_nav::{
     core::{compute::Par, geometry::UncertainPose, sensors::PoseObservation},
@@ -29,6 +29,17 @@ fn monte_carlo_localisation_inside_a_pool() {
     let run = |steps| localize(&mut filter.lock().unwrap(), steps);
     let count = counter::count_in_pool(2, || assert!(run(&drive[..10])), || assert!(run(&drive[10..])));
     assert_eq!(count, 0);
+}
+
+/// From anywhere, with thousands of particles and a search in each update, to a few hundred that track.
+#[test]
+fn adaptive_monte_carlo_localisation() {
+    let drive = circle(40);
+    let mut filter = adaptive_filter(Par::Seq);
+    localize_adaptively(&mut filter, &drive[..1]);
+    let mut fresh = 0;
+    assert_eq!(counter::count(|| fresh = localize_adaptively(&mut filter, &drive[1..])), 0);
+    assert!(fresh > 0, "the drive must exercise the search");
 }
 
 #[test]

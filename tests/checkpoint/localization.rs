@@ -1,7 +1,10 @@
 //! Filters.
 
 use crate::{
-    scenes::{circle, filter_bits, initialized, localize, room, scan_filter, start},
+    scenes::{
+        adaptive_bits, adaptive_filter, circle, filter_bits, initialized, localize, localize_adaptively, room,
+        scan_filter, start,
+    },
     table::restored,
 };
 use agv_nav::core::{
@@ -31,6 +34,33 @@ fn a_resumed_filter_continues_with_the_same_bits() {
     localize(&mut uninterrupted, &drive[5..]);
     localize(&mut resumed, &drive[5..]);
     assert!(filter_bits(&resumed) == filter_bits(&uninterrupted));
+}
+
+#[test]
+fn a_resumed_adaptive_filter_continues_with_the_same_bits() {
+    let drive = circle(14);
+    let mut uninterrupted = adaptive_filter(Par::Seq);
+    // In the midst of the search.
+    assert!(localize_adaptively(&mut uninterrupted, &drive[..3]) > 0);
+    let mut resumed = adaptive_filter(Par::threads(2));
+    resumed.restore(&restored(&uninterrupted.checkpoint())).unwrap();
+    assert!(adaptive_bits(&resumed) == adaptive_bits(&uninterrupted));
+    localize_adaptively(&mut uninterrupted, &drive[3..]);
+    localize_adaptively(&mut resumed, &drive[3..]);
+    assert!(adaptive_bits(&resumed) == adaptive_bits(&uninterrupted));
+
+    let good = serde_json::to_value(uninterrupted.checkpoint()).unwrap();
+    for (path, value) in [
+        ("/doubts/0/recovery/slow", json!(-1.0)),
+        ("/doubts/0/recovery/params/max_share", json!(7.0)),
+        ("/fresh_doubt/variance", json!(null)),
+        ("/mcl/weights", json!([1.0])),
+    ] {
+        let mut spoilt = good.clone();
+        *spoilt.pointer_mut(path).unwrap_or_else(|| panic!("{path}")) = value;
+        let restored = serde_json::from_value(spoilt).is_ok_and(|checkpoint| resumed.restore(&checkpoint).is_ok());
+        assert!(!restored && adaptive_bits(&resumed) == adaptive_bits(&uninterrupted), "{path}");
+    }
 }
 
 /// A sensor that rules out all poses left of the start.

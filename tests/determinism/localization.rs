@@ -2,7 +2,9 @@
 
 use crate::{
     digest::{Digest, assert_same_bits},
-    scenes::{circle, filter_bits, initialized, localize, scan_filter},
+    scenes::{
+        adaptive_bits, adaptive_filter, circle, filter_bits, initialized, localize, localize_adaptively, scan_filter,
+    },
 };
 use agv_nav::core::{
     compute::Par,
@@ -23,6 +25,16 @@ fn monte_carlo_localisation_does_not_depend_on_threads() {
         filter.initialize(&PoseBelief::Anywhere).unwrap();
         localize(&mut filter, &drive[..4]);
         Digest::new().bits(filter_bits(&filter))
+    });
+}
+
+#[test]
+fn adaptive_monte_carlo_localisation_does_not_depend_on_threads() {
+    let drive = circle(12);
+    assert_same_bits("Amcl from anywhere", |par| {
+        let mut filter = adaptive_filter(par);
+        assert!(localize_adaptively(&mut filter, &drive) > 0, "the drive must exercise the search");
+        Digest::new().bits(adaptive_bits(&filter))
     });
 }
 

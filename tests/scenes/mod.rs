@@ -14,8 +14,8 @@ use agv_nav::core::{
     time::Stamp,
 };
 use agv_nav::filters::particle::{
-    DifferentialOdometryModel, FreeSpace, LikelihoodFieldModel, LikelihoodFieldModelParams, Mcl, MclParams,
-    OdometryNoise,
+    Amcl, AmclParams, DifferentialOdometryModel, FreeSpace, KldParams, LikelihoodFieldModel,
+    LikelihoodFieldModelParams, Mcl, MclParams, OdometryNoise,
 };
 
 /// The first particle filter, as a user would build it.
@@ -53,6 +53,50 @@ pub(crate) fn initialized(particles: usize, par: Par) -> ScanFilter {
     let mut filter = scan_filter(particles, par);
     filter.initialize(&PoseBelief::around(start(), Matrix3::identity() * 0.04).unwrap()).unwrap();
     filter
+}
+
+/// The adaptive filter in the room, for a vehicle that may be anywhere.
+pub(crate) fn adaptive_filter(par: Par) -> Amcl<DifferentialOdometryModel, LikelihoodFieldModel> {
+    let map = room();
+    let field = LikelihoodField::new(&map, LikelihoodFieldParams::default()).unwrap();
+    let sensor = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default()).unwrap();
+    let motion = DifferentialOdometryModel::new(OdometryNoise::default()).unwrap();
+    let kld = KldParams { max_particles: 4000, ..Default::default() };
+    let params = AmclParams { kld, ..Default::default() };
+    let free_space = FreeSpace::new(&map, 0.2).unwrap();
+    let mut filter = Amcl::new(motion, sensor, free_space, params, Seed(7)).unwrap().with_parallelism(par);
+    filter.initialize(&PoseBelief::Anywhere).unwrap();
+    filter
+}
+
+/// Localises along [`circle`], and says how many particles were drawn elsewhere.
+pub(crate) fn localize_adaptively(
+    filter: &mut Amcl<DifferentialOdometryModel, LikelihoodFieldModel>,
+    steps: &[(OdometryIncrement, LaserScan)],
+) -> usize {
+    let mut fresh = 0;
+    for (motion, scan) in steps {
+        filter.predict(motion).unwrap();
+        assert!(matches!(filter.update(scan), Ok(UpdateOutcome::Applied(_))));
+        std::hint::black_box(filter.hypotheses());
+        fresh += filter.diagnostics().fresh;
+    }
+    fresh
+}
+
+/// Particles, weights and estimate of an adaptive filter.
+pub(crate) fn adaptive_bits(filter: &Amcl<DifferentialOdometryModel, LikelihoodFieldModel>) -> Vec<u64> {
+    let estimate = filter.estimate().unwrap();
+    let pose = |p: &Se2| [p.x(), p.y(), p.rotation().cos(), p.rotation().sin()];
+    let particles = filter.particles().states().iter().flat_map(pose);
+    let hypotheses = filter.hypotheses().iter().flat_map(|h| pose(h.pose.mean()).into_iter().chain([h.weight]));
+    let mean = pose(estimate.map_from_base()).into_iter().chain(estimate.covariance().iter().copied());
+    particles
+        .chain(filter.particles().log_weights().iter().copied())
+        .chain(hypotheses)
+        .chain(mean)
+        .map(f64::to_bits)
+        .collect()
 }
 
 /// Localises along [`circle`], and says whether the particles were resampled.

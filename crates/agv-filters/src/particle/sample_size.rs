@@ -16,6 +16,12 @@ pub trait SampleSize<X = Se2> {
     ///
     /// `stream` is for trial draws; it is not the one that the set is then drawn with.
     fn sample_size(&mut self, particles: &ParticleSet<X>, stream: &mut Stream) -> usize;
+
+    /// The same of a set of which a `share` is drawn elsewhere, from `fresh` in their order.
+    fn sample_size_with(&mut self, particles: &ParticleSet<X>, fresh: &[X], share: f64, stream: &mut Stream) -> usize {
+        let _ = (fresh, share);
+        self.sample_size(particles, stream)
+    }
 }
 
 /// As many as there are.

@@ -68,7 +68,7 @@ pub struct Mcl<M, S, R = Systematic, P = EffectiveSampleSizeBelow, U = MotionThr
     pub(super) sensor: S,
     pub(super) rules: Rules<R, P, U, N>,
     pub(super) free_space: FreeSpace,
-    pub(super) par: Par,
+    pub(in crate::particle) par: Par,
     pub(super) seed: Seed,
     pub(super) belief: Belief,
     /// Scratch of the weighing, as long as the set's capacity.
@@ -91,6 +91,7 @@ pub(super) enum Draw {
     Motion = 1,
     Resampling = 2,
     SampleSize = 3,
+    Proposal = 4,
 }
 
 impl<M, S> Mcl<M, S> {

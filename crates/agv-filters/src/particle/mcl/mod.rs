@@ -11,5 +11,6 @@ mod streams;
 
 #[cfg(feature = "serde")]
 pub use checkpoint::MclCheckpoint;
+pub(super) use correct::{Adapt, Seen};
 pub use filter::Mcl;
 pub use params::{MclDiagnostics, MclParams};

@@ -53,11 +53,14 @@ pub struct MclDiagnostics {
     pub resampled: bool,
     /// Updates applied since the belief was initialised.
     pub updates: u64,
+    /// Particles that were drawn elsewhere than around the old ones then.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub fresh: usize,
 }
 
 impl MclDiagnostics {
     /// Those of `count` particles that were just drawn.
     pub(super) fn fresh(count: usize) -> Self {
-        Self { weights: WeightSummary::uniform(count), resampled: false, updates: 0 }
+        Self { weights: WeightSummary::uniform(count), resampled: false, updates: 0, fresh: 0 }
     }
 }

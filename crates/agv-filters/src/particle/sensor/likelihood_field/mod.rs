@@ -112,6 +112,13 @@ impl SensorModel<LaserScan> for LikelihoodFieldModel {
         }
         Ok(ScanOnTable::new(&self.table, &self.ends, self.params.form, self.arch))
     }
+
+    fn independent_readings(&self) -> f64 {
+        match self.params.form {
+            ScanForm::Product { independent_beams } => independent_beams.min(self.params.max_beams as f64),
+            ScanForm::SumOfCubes => 1.0,
+        }
+    }
 }
 
 weigh_per_pose!(LikelihoodFieldModel: LaserScan);
