@@ -9,10 +9,10 @@
 //! Particles are handled in fixed chunks of [`CHUNK`](agv_core::compute::CHUNK), each with a random stream keyed by
 //! (seed, step, chunk): a run has the same bits for any number of threads and continues from a checkpoint with them.
 
-mod exp;
 mod amcl;
 mod chi_square;
 mod cluster;
+mod exp;
 mod free_space;
 mod gaussian;
 mod histogram;
@@ -40,6 +40,8 @@ pub use amcl::{Amcl, AmclParams};
 pub use cluster::{Clusters, Hypothesis, Hysteresis};
 pub use free_space::FreeSpace;
 pub(crate) use gaussian::semidefinite_root;
+pub use histogram::{PoseBins, PoseHistogram};
+pub use kld::{KldBound, KldParams, KldQuantile, KldSampling};
 #[cfg(feature = "serde")]
 pub use mcl::MclCheckpoint;
 pub use mcl::{Mcl, MclDiagnostics, MclParams};
@@ -47,18 +49,11 @@ pub use motion::{
     AckermannOdometryModel, AckermannOdometryParams, DifferentialOdometryModel, MotionModel, OdometryNoise,
     OmnidirectionalNoise, OmnidirectionalOdometryModel, PriorMotionModel, PriorNoise, VelocityModel, VelocityNoise,
 };
-pub use resample::{Multinomial, Resampler, Residual, Stratified, Systematic};
-pub use histogram::{PoseBins, PoseHistogram};
-pub use kld::{KldBound, KldParams, KldQuantile, KldSampling};
-#[cfg(feature = "serde")]
-pub use mcl::MclCheckpoint;
-pub use mcl::{Mcl, MclDiagnostics, MclParams};
-pub use motion::{DifferentialOdometryModel, MotionModel, OdometryNoise};
 pub use proposal::{
     LikelihoodSearch, LikelihoodSearchParams, ObservedPose, PoseProposal, ProposalContext, UniformProposal,
 };
 pub use recovery::{Recovery, RecoveryParams};
-pub use resample::{Resampler, Systematic};
+pub use resample::{Multinomial, Resampler, Residual, Stratified, Systematic};
 pub use resample_policy::{And, EffectiveSampleSizeBelow, EntropyBelow, EveryNth, Or, ResampleContext, ResamplePolicy};
 pub use sample_size::{SameSize, SampleSize};
 pub use sensor::{

@@ -4,8 +4,8 @@ mod ackermann;
 mod differential;
 mod omnidirectional;
 mod prior;
-mod velocity;
 mod sampler;
+mod velocity;
 
 use agv_core::{compute::Stream, geometry::Se2};
 use nalgebra::Matrix3;
