@@ -33,7 +33,7 @@ fn fusion_filter() {
                 let outcome = filter.fuse(tracker, PoseObservation::new(then + -0.1, pose)).unwrap();
                 late += u32::from(!matches!(outcome, FusionOutcome::TooOld));
                 filter.take_motion().unwrap();
-                assert!(filter.state_at(then + -0.2).is_some() && filter.diagnostics(tracker).is_some());
+                assert!(filter.state_at(then + -0.15).is_some() && filter.diagnostics(tracker).is_some());
             }
             (odom, now) = (next, then);
         }
