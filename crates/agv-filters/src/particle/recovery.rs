@@ -112,7 +112,7 @@ impl RecoveryParams {
 /// }
 /// // Carried away: in a few observations a good part of the particles search.
 /// let shares: Vec<f64> = (0..6).map(|_| recovery.observed(0.05_f64.ln(), Some(0.3))).collect();
-/// assert!(shares[5] > 0.3);
+/// assert!(shares.iter().all(|&share| share >= 0.25));
 /// # Ok::<(), agv_core::Error>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
