@@ -64,7 +64,7 @@ fn fusion(c: &mut Criterion) {
     for (name, messages) in [("in_order", &in_order), ("poses_100_ms_late", &late)] {
         group.throughput(Throughput::Elements(messages.len() as u64));
         group.bench_function(name, |b| {
-            b.iter_batched_ref(|| fresh.clone(), |f| run(f, messages), BatchSize::LargeInput)
+            b.iter_batched_ref(|| fresh.clone(), |f| run(f, messages), BatchSize::LargeInput);
         });
     }
     group.finish();
