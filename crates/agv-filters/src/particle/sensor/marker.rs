@@ -213,6 +213,11 @@ impl SensorModel<[MarkerObservation<Se2>]> for MarkerModel {
         self.collect(observations)?;
         Ok(ReadingsOfCodes { expected: &self.expected, readings: self.readings })
     }
+
+    /// Those of the last observation.
+    fn independent_readings(&self) -> f64 {
+        self.readings.max(1) as f64
+    }
 }
 
 impl SensorModel<MarkerObservation<Se2>> for MarkerModel {
@@ -222,6 +227,11 @@ impl SensorModel<MarkerObservation<Se2>> for MarkerModel {
     ) -> Result<impl PoseLikelihood + 'a, SkipReason> {
         self.collect(std::slice::from_ref(observation))?;
         Ok(ReadingsOfCodes { expected: &self.expected, readings: self.readings })
+    }
+
+    /// Those of the last observation.
+    fn independent_readings(&self) -> f64 {
+        self.readings.max(1) as f64
     }
 }
 

@@ -65,6 +65,10 @@ macro_rules! weigh_by_field {
             fn explained(&mut self, observation: &$observation, map_from_base: &Se2) -> Option<f64> {
                 self.$field.explained(observation, map_from_base)
             }
+
+            fn independent_readings(&self) -> f64 {
+                self.$field.independent_readings()
+            }
         }
     )+};
     (@ scans $s:ident $m:ident $l:ident) => { $s };

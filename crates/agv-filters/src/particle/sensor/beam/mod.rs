@@ -203,6 +203,10 @@ impl SensorModel<LaserScan> for BeamModel {
         }
         Ok(ScanInMap::new(self, scan, mixture))
     }
+
+    fn independent_readings(&self) -> f64 {
+        self.params.form.independent_readings(self.params.max_beams)
+    }
 }
 
 weigh_per_pose!(BeamModel: LaserScan);

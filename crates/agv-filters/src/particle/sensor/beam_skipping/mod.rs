@@ -283,6 +283,10 @@ impl<S: MaxBeams + WeighParticles<LaserScan>> WeighParticles<LaserScan> for Beam
     fn explained(&mut self, scan: &LaserScan, map_from_base: &Se2) -> Option<f64> {
         self.model.explained(scan, map_from_base)
     }
+
+    fn independent_readings(&self) -> f64 {
+        self.model.independent_readings()
+    }
 }
 
 #[cfg(test)]

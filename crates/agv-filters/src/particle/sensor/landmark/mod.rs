@@ -247,6 +247,11 @@ impl SensorModel<[LandmarkObservation]> for LandmarkModel {
         self.collect(observations)?;
         Ok(ReadingsInMap { map: &self.map, readings: &self.readings })
     }
+
+    /// Those of the last observation.
+    fn independent_readings(&self) -> f64 {
+        self.readings.len().max(1) as f64
+    }
 }
 
 impl SensorModel<LandmarkObservation> for LandmarkModel {
@@ -256,6 +261,11 @@ impl SensorModel<LandmarkObservation> for LandmarkModel {
     ) -> Result<impl PoseLikelihood + 'a, SkipReason> {
         self.collect(std::slice::from_ref(observation))?;
         Ok(ReadingsInMap { map: &self.map, readings: &self.readings })
+    }
+
+    /// Those of the last observation.
+    fn independent_readings(&self) -> f64 {
+        self.readings.len().max(1) as f64
     }
 }
 

@@ -114,10 +114,7 @@ impl SensorModel<LaserScan> for LikelihoodFieldModel {
     }
 
     fn independent_readings(&self) -> f64 {
-        match self.params.form {
-            ScanForm::Product { independent_beams } => independent_beams.min(self.params.max_beams as f64),
-            ScanForm::SumOfCubes => 1.0,
-        }
+        self.params.form.independent_readings(self.params.max_beams)
     }
 }
 

@@ -25,6 +25,16 @@ pub enum ScanForm {
     SumOfCubes,
 }
 
+impl ScanForm {
+    /// As how many independent readings a scan of at most so many beams counts.
+    pub(in crate::particle::sensor) fn independent_readings(self, max_beams: usize) -> f64 {
+        match self {
+            Self::Product { independent_beams } => independent_beams.min(max_beams as f64),
+            Self::SumOfCubes => 1.0,
+        }
+    }
+}
+
 /// Parameters of a [`LikelihoodFieldModel`](super::LikelihoodFieldModel).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]

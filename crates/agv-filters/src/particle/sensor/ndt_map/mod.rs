@@ -322,6 +322,10 @@ impl SensorModel<LaserScan> for NdtMapModel {
         let arch = Arch::new();
         Ok(ScanOnDistributions { map: &self.map, ends: &self.ends, params: &self.params, power, arch })
     }
+
+    fn independent_readings(&self) -> f64 {
+        self.params.form.independent_readings(self.params.max_beams)
+    }
 }
 
 weigh_per_pose!(NdtMapModel: LaserScan);
