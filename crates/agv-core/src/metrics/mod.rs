@@ -3,11 +3,13 @@
 //! - [`absolute_error`]: ATE, the distance between two trajectories after the best rigid alignment;
 //! - [`relative_error`]: RPE, the error of motions over a fixed delta;
 //! - [`relation_errors`]: the benchmark of Kümmerle et al. against relative poses that a human verified;
-//! - [`PathQuality`]: length, turns, smoothness and clearance of a planned path.
+//! - [`PathQuality`]: length, turns, smoothness and clearance of a planned path;
+//! - [`chi_square_quantile`]: bounds for the squares of normalised errors.
 //!
 //! Trajectories are slices of `(Stamp, pose)`, in any order of time; [`associate`] pairs two of them.
 
 mod ate;
+mod chi_square;
 mod path;
 mod pose;
 mod relations;
@@ -15,6 +17,7 @@ mod rpe;
 mod statistics;
 
 pub use ate::{AbsoluteError, PosePair, TrajectoryAlignment, absolute_error, associate};
+pub use chi_square::{chi_square_cdf, chi_square_quantile};
 pub use path::{PathQuality, PathQualityParams};
 pub use pose::TrajectoryPose;
 pub use relations::{Relation, RelationErrors, relation_errors};

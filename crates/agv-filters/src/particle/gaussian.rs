@@ -4,7 +4,7 @@ use agv_core::{
     compute::Stream,
     geometry::{LieGroup, Se2, UncertainPose},
 };
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::{Matrix3, SMatrix, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 
 /// A Gaussian in the tangent space of a pose: `mean ∘ exp(L z)` with `L Lᵀ` the covariance.
@@ -27,15 +27,15 @@ impl PoseGaussian {
 }
 
 /// Lower triangular `L` with `L Lᵀ = covariance`; a pivot that is no more than rounding leaves its column zero.
-pub(super) fn semidefinite_root(covariance: &Matrix3<f64>) -> Matrix3<f64> {
-    let mut root = Matrix3::zeros();
-    for j in 0..3 {
-        let known = |i: usize, root: &Matrix3<f64>| (0..j).map(|k| root[(i, k)] * root[(j, k)]).sum::<f64>();
+pub(crate) fn semidefinite_root<const N: usize>(covariance: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
+    let mut root = SMatrix::<f64, N, N>::zeros();
+    for j in 0..N {
+        let known = |i: usize, root: &SMatrix<f64, N, N>| (0..j).map(|k| root[(i, k)] * root[(j, k)]).sum::<f64>();
         let pivot = covariance[(j, j)] - known(j, &root);
         // What the earlier pivots, which may be small themselves, leave of rounding.
         if pivot > 1e-9 * covariance[(j, j)].abs() {
             root[(j, j)] = pivot.sqrt();
-            for i in j + 1..3 {
+            for i in j + 1..N {
                 root[(i, j)] = (covariance[(i, j)] - known(i, &root)) / root[(j, j)];
             }
         }

@@ -22,6 +22,7 @@ mod update_policy;
 mod weights;
 
 pub use free_space::FreeSpace;
+pub(crate) use gaussian::semidefinite_root;
 #[cfg(feature = "serde")]
 pub use mcl::MclCheckpoint;
 pub use mcl::{Mcl, MclDiagnostics, MclParams};
