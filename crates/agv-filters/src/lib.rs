@@ -3,6 +3,9 @@
 //! # Overview
 //! [`kalman`] holds the Kalman filters: [`kalman::PoseFilter`] smooths measured poses by odometry.
 //!
+//! [`landmark`] holds the filter for landmarks of which range and bearing are measured, which calibrates odometry and sensor on
+//! the way: [`landmark::LandmarkFilter`].
+//!
 //! [`particle`] holds Monte Carlo localisation: a set of weighted poses that odometry moves ([`particle::MotionModel`])
 //! and scans weigh ([`particle::SensorModel`]), put together by [`particle::Mcl`], which plays the roles
 //! [`Localizer`](agv_core::roles::Localizer) and [`Correct`](agv_core::roles::Correct).
@@ -15,4 +18,5 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 pub mod kalman;
+pub mod landmark;
 pub mod particle;
