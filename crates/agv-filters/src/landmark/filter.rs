@@ -32,7 +32,7 @@ pub struct Learnt {
 /// Call `predict` with every increment of the odometry and `update` with every sighting, in the order of their arrival. A
 /// sighting may be late: it is taken in where it belongs, by its stamp and the latency learnt so far, and what was driven since
 /// is driven again. A sighting that does not know its landmark is given to the only one that explains it. Nothing allocates
-/// after construction. A `predict` costs a step of a filter of 14 states, an `update` one for every reading since.
+/// after construction. A `predict` costs a step of a filter of 15 states, an `update` one for every reading since.
 ///
 /// ```
 /// use agv_core::geometry::{LieGroup, Se2, Twist2, UncertainVector};
@@ -285,3 +285,6 @@ impl LandmarkFilter {
         Ok(correction.into())
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -4,10 +4,10 @@
 //!
 //! ```text
 //! state       pose  X in SE(2), right increments
-//!             odometry   speed scale s_v, way lost in turns c, yaw scale s_ω, latency τ
+//!             odometry   speed scale s_v, way lost in turns c, yaw scale s_ω and bias b_ω, latency τ
 //!             sensor     range scale s_r and bias b_r, bearing bias b_0 and first harmonic b_1, b_2
 //!             wander     speed error e_v, yaw rate error e_ω (first-order Gauss-Markov)
-//! motion      v' = (1 + s_v) v - c |ω| + e_v       ω' = (1 + s_ω) ω + e_ω
+//! motion      v' = (1 + s_v) v - c |ω| + e_v       ω' = (1 + s_ω) ω + b_ω + e_ω
 //! sighting    z_r = (1 + s_r) ρ + b_r              z_β = β + b_0 + b_1 sin β + b_2 (1 - cos β)
 //!             of the pose at the odometry's time  t - τ
 //! ```
@@ -31,6 +31,6 @@ mod track;
 pub use filter::{LandmarkFilter, Learnt};
 pub use map::LandmarkMap;
 pub use odometry::{CalibratedOdometry, MotionPiece};
-pub use params::{CalibrationPriors, EstimateClock, LandmarkFilterParams, OdometryNoise, RangeKind};
+pub use params::{CalibrationPriors, EstimateClock, LandmarkFilterParams, OdometryNoise, Prior, RangeKind};
 pub use sighting::Sighting;
 pub use state::{CalibratedPose, DEGREES, PARAMETERS, Parameter};

@@ -2,7 +2,7 @@
 //!
 //! ```text
 //! (x, y, θ)    what the odometry read, the logarithm of its motion
-//! x' = (1 + s_v) x - c |θ| + e_v Δt      y' = (1 + s_v) y      θ' = (1 + s_ω) θ + e_ω Δt
+//! x' = (1 + s_v) x - c |θ| + e_v Δt      y' = (1 + s_v) y      θ' = (1 + s_ω) θ + (b_ω + e_ω) Δt
 //! X ← X exp(x', y', θ')                  e ← e exp(-Δt / T)
 //! ```
 //!
@@ -55,11 +55,14 @@ impl CalibratedOdometry {
     pub(super) fn motion(state: &CalibratedPose, read: &Vector3<f64>, dt: f64) -> Vector3<f64> {
         let stretch = 1.0 + state.get(Parameter::SpeedScale);
         let (moves, ahead) = (f64::from(*read != Vector3::zeros()) * dt, direction(read));
+        let turns = f64::from(read.z != 0.0) * dt;
         let lost = state.get(Parameter::TurnLoss) * read.z.abs();
         Vector3::new(
             stretch * read.x + ahead * (state.get(Parameter::SpeedError) * moves - lost),
             stretch * read.y,
-            (1.0 + state.get(Parameter::YawScale)) * read.z + state.get(Parameter::YawRateError) * moves,
+            (1.0 + state.get(Parameter::YawScale)) * read.z
+                + state.get(Parameter::YawRateError) * moves
+                + state.get(Parameter::YawBias) * turns,
         )
     }
 
@@ -97,6 +100,7 @@ impl ProcessModel<CalibratedPose, DEGREES> for CalibratedOdometry {
             (Parameter::SpeedScale, Vector3::new(read.x, read.y, 0.0)),
             (Parameter::TurnLoss, Vector3::new(-ahead * read.z.abs(), 0.0, 0.0)),
             (Parameter::YawScale, Vector3::new(0.0, 0.0, read.z)),
+            (Parameter::YawBias, Vector3::new(0.0, 0.0, f64::from(read.z != 0.0) * dt)),
             (Parameter::SpeedError, Vector3::new(ahead * moves, 0.0, 0.0)),
             (Parameter::YawRateError, Vector3::new(0.0, 0.0, moves)),
         ] {
@@ -147,7 +151,7 @@ mod tests {
     proptest! {
         #[test]
         fn jacobians_are_the_derivatives(
-            x in prop::array::uniform14(-0.3..0.3_f64), ahead in -1.0..1.0_f64, left in -0.2..0.2_f64, turn in -0.5..0.5_f64, dt in 0.01..0.5_f64,
+            x in prop::array::uniform15(-0.3..0.3_f64), ahead in -1.0..1.0_f64, left in -0.2..0.2_f64, turn in -0.5..0.5_f64, dt in 0.01..0.5_f64,
         ) {
             let zero = CalibratedPose { map_from_base: Se2::new(1.0, -2.0, 2.8), parameters: SVector::zeros() };
             let state = zero.boxplus(&SVector::from(x));

@@ -2,7 +2,6 @@
 
 use super::{PARAMETERS, Parameter};
 use agv_core::{Error, check, roles::StatusParams};
-use nalgebra::SVector;
 
 /// How the sensor measures how far a landmark is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -27,45 +26,76 @@ pub enum EstimateClock {
     Landmarks,
 }
 
-/// What is known before the first sighting of the parameters that are estimated: mean zero, and these standard deviations.
-/// Zero for what is known to be as it should.
+/// What is known of a parameter before the first sighting.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct Prior {
+    /// Best guess, in the parameter's unit.
+    pub mean: f64,
+    /// Its standard deviation; zero for a parameter that is not to be estimated.
+    pub sigma: f64,
+}
+
+impl Prior {
+    /// A best guess with its standard deviation.
+    pub const fn new(mean: f64, sigma: f64) -> Self {
+        Self { mean, sigma }
+    }
+
+    /// Nothing is known but how large it may be.
+    pub const fn within(sigma: f64) -> Self {
+        Self::new(0.0, sigma)
+    }
+
+    fn validate(&self, name: &'static str, most: f64) -> Result<(), Error> {
+        check::in_range(name, self.mean, -most, most)?;
+        check::in_range(name, self.sigma, 0.0, most)?;
+        Ok(())
+    }
+}
+
+/// What is known before the first sighting of the parameters that are estimated. What one vehicle of a fleet has learnt is a
+/// good prior of the next.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct CalibrationPriors {
     /// Of [`Parameter::SpeedScale`], as a fraction.
-    pub speed_scale: f64,
+    pub speed_scale: Prior,
     /// Of [`Parameter::TurnLoss`], in m/rad.
-    pub turn_loss: f64,
+    pub turn_loss: Prior,
     /// Of [`Parameter::YawScale`], as a fraction.
-    pub yaw_scale: f64,
+    pub yaw_scale: Prior,
+    /// Of [`Parameter::YawBias`], in rad/s.
+    pub yaw_bias: Prior,
     /// Of [`Parameter::Latency`], in seconds.
-    pub latency: f64,
+    pub latency: Prior,
     /// Of [`Parameter::RangeScale`], as a fraction.
-    pub range_scale: f64,
+    pub range_scale: Prior,
     /// Of [`Parameter::RangeBias`], in metres.
-    pub range_bias: f64,
+    pub range_bias: Prior,
     /// Of [`Parameter::BearingBias`], in radians.
-    pub bearing_bias: f64,
+    pub bearing_bias: Prior,
     /// Of [`Parameter::BearingSine`], in radians.
-    pub bearing_sine: f64,
+    pub bearing_sine: Prior,
     /// Of [`Parameter::BearingCosine`], in radians.
-    pub bearing_cosine: f64,
+    pub bearing_cosine: Prior,
 }
 
 impl Default for CalibrationPriors {
     /// An uncalibrated vehicle and sensor: a tenth of speed and turns, 0.1 m lost per radian (half the track of a small drive),
-    /// 0.2 s of latency, 5 % and 5 cm of range, 0.03 rad of mount and of sine, 0.1 rad of cosine.
+    /// 0.01 rad/s, 0.2 s of latency, 5 % and 5 cm of range, 0.03 rad of mount and of sine, 0.1 rad of cosine.
     fn default() -> Self {
         Self {
-            speed_scale: 0.1,
-            turn_loss: 0.1,
-            yaw_scale: 0.1,
-            latency: 0.2,
-            range_scale: 0.05,
-            range_bias: 0.05,
-            bearing_bias: 0.03,
-            bearing_sine: 0.03,
-            bearing_cosine: 0.1,
+            speed_scale: Prior::within(0.1),
+            turn_loss: Prior::within(0.1),
+            yaw_scale: Prior::within(0.1),
+            yaw_bias: Prior::within(0.01),
+            latency: Prior::within(0.2),
+            range_scale: Prior::within(0.05),
+            range_bias: Prior::within(0.05),
+            bearing_bias: Prior::within(0.03),
+            bearing_sine: Prior::within(0.03),
+            bearing_cosine: Prior::within(0.1),
         }
     }
 }
@@ -73,15 +103,16 @@ impl Default for CalibrationPriors {
 impl CalibrationPriors {
     /// Odometry and sensor are as they say: the pose alone is estimated.
     pub const KNOWN: Self = Self {
-        speed_scale: 0.0,
-        turn_loss: 0.0,
-        yaw_scale: 0.0,
-        latency: 0.0,
-        range_scale: 0.0,
-        range_bias: 0.0,
-        bearing_bias: 0.0,
-        bearing_sine: 0.0,
-        bearing_cosine: 0.0,
+        speed_scale: Prior::within(0.0),
+        turn_loss: Prior::within(0.0),
+        yaw_scale: Prior::within(0.0),
+        yaw_bias: Prior::within(0.0),
+        latency: Prior::within(0.0),
+        range_scale: Prior::within(0.0),
+        range_bias: Prior::within(0.0),
+        bearing_bias: Prior::within(0.0),
+        bearing_sine: Prior::within(0.0),
+        bearing_cosine: Prior::within(0.0),
     };
 }
 
@@ -161,40 +192,43 @@ impl Default for LandmarkFilterParams {
     }
 }
 
-/// Greatest deviation of a scale that is calibrated on the way.
+/// Greatest scale, and error of a bearing in radians, that is calibrated on the way.
 const MOST_SCALE: f64 = 0.5;
 
+/// Greatest bias, in metres, seconds or radians per second.
+const MOST_BIAS: f64 = 10.0;
+
 impl CalibrationPriors {
-    /// Refuses deviations that are negative, not finite, or of scales beyond 50 %.
+    /// Refuses numbers that are not finite or absurd, and negative deviations.
     pub(super) fn validate(&self) -> Result<(), Error> {
-        check::in_range("speed_scale", self.speed_scale, 0.0, MOST_SCALE)?;
-        check::non_negative("turn_loss", self.turn_loss)?;
-        check::in_range("yaw_scale", self.yaw_scale, 0.0, MOST_SCALE)?;
-        check::non_negative("latency", self.latency)?;
-        check::in_range("range_scale", self.range_scale, 0.0, MOST_SCALE)?;
-        check::non_negative("range_bias", self.range_bias)?;
-        check::non_negative("bearing_bias", self.bearing_bias)?;
-        check::in_range("bearing_sine", self.bearing_sine, 0.0, MOST_SCALE)?;
-        check::in_range("bearing_cosine", self.bearing_cosine, 0.0, MOST_SCALE)?;
-        Ok(())
+        self.speed_scale.validate("speed_scale", MOST_SCALE)?;
+        self.turn_loss.validate("turn_loss", MOST_BIAS)?;
+        self.yaw_scale.validate("yaw_scale", MOST_SCALE)?;
+        self.yaw_bias.validate("yaw_bias", MOST_BIAS)?;
+        self.latency.validate("latency", MOST_BIAS)?;
+        self.range_scale.validate("range_scale", MOST_SCALE)?;
+        self.range_bias.validate("range_bias", MOST_BIAS)?;
+        self.bearing_bias.validate("bearing_bias", MOST_BIAS)?;
+        self.bearing_sine.validate("bearing_sine", MOST_SCALE)?;
+        self.bearing_cosine.validate("bearing_cosine", MOST_SCALE)
     }
 
-    /// Variances in the order of [`Parameter::ALL`], those of the wander from `noise`.
-    pub(super) fn variances(&self, noise: &OdometryNoise) -> SVector<f64, PARAMETERS> {
-        let sigma = |parameter| match parameter {
+    /// The prior of each parameter, in the order of [`Parameter::ALL`], that of the wander from `noise`.
+    pub(super) fn all(&self, noise: &OdometryNoise) -> [Prior; PARAMETERS] {
+        Parameter::ALL.map(|parameter| match parameter {
             Parameter::SpeedScale => self.speed_scale,
             Parameter::TurnLoss => self.turn_loss,
             Parameter::YawScale => self.yaw_scale,
+            Parameter::YawBias => self.yaw_bias,
             Parameter::Latency => self.latency,
             Parameter::RangeScale => self.range_scale,
             Parameter::RangeBias => self.range_bias,
             Parameter::BearingBias => self.bearing_bias,
             Parameter::BearingSine => self.bearing_sine,
             Parameter::BearingCosine => self.bearing_cosine,
-            Parameter::SpeedError => noise.speed_wander,
-            Parameter::YawRateError => noise.yaw_rate_wander,
-        };
-        SVector::from(Parameter::ALL.map(|parameter| sigma(parameter) * sigma(parameter)))
+            Parameter::SpeedError => Prior::within(noise.speed_wander),
+            Parameter::YawRateError => Prior::within(noise.yaw_rate_wander),
+        })
     }
 }
 

@@ -157,7 +157,7 @@ mod tests {
     proptest! {
         #[test]
         fn jacobians_are_the_derivatives(
-            x in prop::array::uniform14(-0.3..0.3_f64), place in prop::array::uniform2(3.0..9.0_f64), mount in prop::array::uniform3(-0.5..0.5_f64),
+            x in prop::array::uniform15(-0.3..0.3_f64), place in prop::array::uniform2(3.0..9.0_f64), mount in prop::array::uniform3(-0.5..0.5_f64),
         ) {
             let zero = CalibratedPose { map_from_base: Se2::new(1.0, -2.0, 0.4), parameters: SVector::zeros() };
             let state = zero.boxplus(&SVector::from(x));

@@ -8,7 +8,7 @@ use agv_core::geometry::{LieGroup, Se2};
 use nalgebra::{SMatrix, SVector, Vector2};
 
 /// Parameters beside the pose.
-pub const PARAMETERS: usize = 11;
+pub const PARAMETERS: usize = 12;
 
 /// Degrees of freedom of a [`CalibratedPose`]: three of the pose, then the parameters.
 pub const DEGREES: usize = 3 + PARAMETERS;
@@ -23,6 +23,9 @@ pub enum Parameter {
     TurnLoss,
     /// Share by which turns are greater than the odometry says.
     YawScale,
+    /// Yaw rate beyond what the odometry says whenever it says that the vehicle turns, in rad/s: a gyro's bias, or turn rates that
+    /// the drives round to their steps. Odometry that says straight on, or standing, is believed.
+    YawBias,
     /// Seconds by which the motion is later than the odometry's stamps on the landmark sensor's clock: positive where the
     /// odometry states commands, or where the sensor's stamps are those of arrival.
     Latency,
@@ -48,6 +51,7 @@ impl Parameter {
         Self::SpeedScale,
         Self::TurnLoss,
         Self::YawScale,
+        Self::YawBias,
         Self::Latency,
         Self::RangeScale,
         Self::RangeBias,
@@ -154,7 +158,7 @@ mod tests {
 
     proptest! {
         #[test]
-        fn the_laws_of_a_manifold_hold(x in prop::array::uniform14(-1.0..1.0_f64), step in prop::array::uniform14(-1.0..1.0_f64)) {
+        fn the_laws_of_a_manifold_hold(x in prop::array::uniform15(-1.0..1.0_f64), step in prop::array::uniform15(-1.0..1.0_f64)) {
             let zero = CalibratedPose { map_from_base: Se2::default(), parameters: SVector::zeros() };
             let state = zero.boxplus(&SVector::from(x));
             prop_assert!(laws::manifold(&state, &SVector::from(step)) < 1e-8);

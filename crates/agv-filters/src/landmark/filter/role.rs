@@ -22,12 +22,13 @@ impl Localizer for LandmarkFilter {
         let PoseBelief::Around(pose) = belief else { return Err(Error::Empty { name: "pose of the belief" }.into()) };
         check::in_range("covariance", pose.covariance().amax(), 0.0, LARGEST * LARGEST)?;
         let mut covariance = SMatrix::<f64, DEGREES, DEGREES>::zeros();
-        let variances = self.params.priors.variances(&self.params.noise);
         covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(pose.covariance());
-        for (index, variance) in variances.iter().enumerate() {
-            covariance[(index + 3, index + 3)] = *variance;
+        let priors = self.params.priors.all(&self.params.noise);
+        for (index, prior) in priors.iter().enumerate() {
+            covariance[(index + 3, index + 3)] = prior.sigma * prior.sigma;
         }
-        let state = CalibratedPose { map_from_base: *pose.mean(), parameters: SVector::zeros() };
+        let parameters = SVector::from(priors.map(|prior| prior.mean));
+        let state = CalibratedPose { map_from_base: *pose.mean(), parameters };
         let start = Cursor { ekf: crate::kalman::Ekf::new(state, covariance)?, time: None };
         self.track = Some(Track { anchor: start, tip: start, stamp: None, contradictions: 0 });
         self.history.clear();
