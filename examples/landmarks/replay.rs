@@ -19,31 +19,31 @@ const LONGEST_HOLD: f64 = 2.0;
 
 /// How far the estimate was off.
 #[derive(Debug, Clone, Copy)]
-pub struct Error {
+pub(crate) struct Error {
     /// Seconds since the start.
-    pub time: f64,
+    pub(crate) time: f64,
     /// Where the vehicle was.
-    pub truth: Se2,
+    pub(crate) truth: Se2,
     /// Where the filter took it to be.
-    pub estimate: Se2,
+    pub(crate) estimate: Se2,
     /// Truth less estimate, in the vehicle's frame.
-    pub error: Vector3<f64>,
+    pub(crate) error: Vector3<f64>,
     /// Normalised square of the error.
-    pub nees: f64,
+    pub(crate) nees: f64,
     /// Standard deviation of the estimated position.
-    pub position_sigma: f64,
+    pub(crate) position_sigma: f64,
 }
 
 /// A log that was run through.
-pub struct Replay {
+pub(crate) struct Replay {
     /// At each pose of the reference.
-    pub errors: Vec<Error>,
+    pub(crate) errors: Vec<Error>,
     /// Sightings of landmarks that the filter took in.
-    pub used: usize,
+    pub(crate) used: usize,
     /// And those that it left out.
-    pub rejected: usize,
+    pub(crate) rejected: usize,
     /// The filter at the end.
-    pub filter: LandmarkFilter,
+    pub(crate) filter: LandmarkFilter,
 }
 
 /// What happens, in the order in which it is handled where stamps are equal.
@@ -54,7 +54,7 @@ enum Event<'a> {
 }
 
 /// Runs a filter of these parameters through a log from the true pose on.
-pub fn replay(log: &MrclamLog, params: LandmarkFilterParams) -> Result<Replay, Box<dyn std::error::Error>> {
+pub(crate) fn replay(log: &MrclamLog, params: LandmarkFilterParams) -> Result<Replay, Box<dyn std::error::Error>> {
     let map = LandmarkMap::new(log.landmarks.iter().copied())?;
     let mut filter = LandmarkFilter::new(map, params)?;
     let (Some(first), Some(last)) = (log.odometry.first(), log.odometry.last()) else {

@@ -136,13 +136,13 @@ pub struct OdometryNoise {
 
 impl Default for OdometryNoise {
     /// Small drives without a gyro, whose odometry is what they were commanded: 1 cm and 0.03 rad in a second, and slow
-    /// errors of 5 mm/s and 0.02 rad/s that last about a second, which is what wheel speeds in steps of 8 mm/s and of
-    /// 0.03 rad/s leave.
+    /// errors of 1 cm/s and 0.02 rad/s that last about a second, as wheel speeds in steps of 8 mm/s leave them (measured on
+    /// robot 1 of MRCLAM 6).
     fn default() -> Self {
         Self {
             forward_density: 0.01,
             yaw_density: 0.03,
-            speed_wander: 0.005,
+            speed_wander: 0.01,
             yaw_rate_wander: 0.02,
             wander_time: 1.0,
             sideways_share: 0.1,

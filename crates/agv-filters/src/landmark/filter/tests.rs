@@ -39,11 +39,11 @@ struct Drive {
 }
 
 impl Drive {
-    fn new(seed: u64, params: LandmarkFilterParams) -> Self {
+    fn new(seed: u64, params: &LandmarkFilterParams) -> Self {
         let mut stream = Seed(seed).stream(0, 0);
         let priors = params.priors.all(&params.noise);
         let parameters = SVector::from(priors.map(|prior| prior.mean + prior.sigma * normal(&mut stream)));
-        Self { stream, params, parameters, poses: vec![Se2::new(-1.0, 0.5, 0.3)], odom: Se2::default() }
+        Self { stream, params: *params, parameters, poses: vec![Se2::new(-1.0, 0.5, 0.3)], odom: Se2::default() }
     }
 
     fn get(&self, parameter: Parameter) -> f64 {
@@ -134,8 +134,8 @@ fn params() -> LandmarkFilterParams {
     LandmarkFilterParams { priors, noise, gate_probability: 1.0 - 1e-9, ..LandmarkFilterParams::default() }
 }
 
-fn started(seed: u64, params: LandmarkFilterParams) -> (LandmarkFilter, Drive) {
-    let (mut filter, mut drive) = (LandmarkFilter::new(map(), params).unwrap(), Drive::new(seed, params));
+fn started(seed: u64, params: &LandmarkFilterParams) -> (LandmarkFilter, Drive) {
+    let (mut filter, mut drive) = (LandmarkFilter::new(map(), *params).unwrap(), Drive::new(seed, params));
     let root = start_covariance().map(f64::sqrt);
     let error = root * Vector3::from_fn(|_, _| normal(&mut drive.stream));
     filter.initialize(&PoseBelief::around(drive.truth().plus(&error), start_covariance()).unwrap()).unwrap();
@@ -158,7 +158,7 @@ fn run(filter: &mut LandmarkFilter, drive: &mut Drive, steps: usize) {
 fn errors_are_as_large_as_the_covariance_says() {
     let (mut pose_sum, mut state_sum, runs) = (0.0, 0.0, 150_u32);
     for seed in 0..u64::from(runs) {
-        let (mut filter, mut drive) = started(seed, params());
+        let (mut filter, mut drive) = started(seed, &params());
         run(&mut filter, &mut drive, 600);
         let (state, covariance) = filter.state().unwrap();
         let truth = CalibratedPose { map_from_base: drive.truth(), parameters: drive.parameters };
@@ -177,7 +177,7 @@ fn errors_are_as_large_as_the_covariance_says() {
 /// Scales and latency are found, each within four of its deviations, which have shrunk.
 #[test]
 fn odometry_and_latency_are_calibrated() {
-    let (mut filter, mut drive) = started(5, params());
+    let (mut filter, mut drive) = started(5, &params());
     let known = [
         (Parameter::SpeedScale, -0.07, 0.02),
         (Parameter::TurnLoss, 0.05, 0.05),
@@ -203,7 +203,7 @@ fn odometry_and_latency_are_calibrated() {
 fn what_the_range_is_matters() {
     let error = |told: RangeKind| {
         let real = LandmarkFilterParams { range_kind: RangeKind::Depth, priors: CalibrationPriors::KNOWN, ..params() };
-        let (mut filter, mut drive) = started(3, real);
+        let (mut filter, mut drive) = started(3, &real);
         filter.params.range_kind = told;
         let mut square = 0.0;
         for step in 0..1200 {
@@ -228,7 +228,7 @@ fn what_the_range_is_matters() {
 fn the_estimate_is_of_the_clock_that_was_chosen() {
     let priors = CalibrationPriors { latency: Prior::new(0.5, 1e-6), ..CalibrationPriors::KNOWN };
     for (clock, before) in [(EstimateClock::Odometry, 0.0), (EstimateClock::Landmarks, 0.5)] {
-        let (mut filter, mut drive) = started(8, LandmarkFilterParams { priors, clock, ..params() });
+        let (mut filter, mut drive) = started(8, &LandmarkFilterParams { priors, clock, ..params() });
         run(&mut filter, &mut drive, 400);
         let estimate = filter.estimate().unwrap();
         assert_eq!(estimate.stamp, Some(drive.now()));
@@ -246,7 +246,7 @@ fn the_estimate_is_of_the_clock_that_was_chosen() {
 fn a_belief_that_all_landmarks_contradict_is_doubted() {
     let end = |patience| {
         let (mut filter, mut drive) =
-            started(4, LandmarkFilterParams { gate_probability: 0.999, patience, ..params() });
+            started(4, &LandmarkFilterParams { gate_probability: 0.999, patience, ..params() });
         run(&mut filter, &mut drive, 400);
         let stray = drive.truth() * Se2::new(1.5, -1.0, 0.6);
         drive.poses.iter_mut().for_each(|pose| *pose = stray);
@@ -259,7 +259,7 @@ fn a_belief_that_all_landmarks_contradict_is_doubted() {
 
 #[test]
 fn one_outlier_changes_nothing() {
-    let (mut filter, mut drive) = started(6, LandmarkFilterParams { gate_probability: 0.999, ..params() });
+    let (mut filter, mut drive) = started(6, &LandmarkFilterParams { gate_probability: 0.999, ..params() });
     run(&mut filter, &mut drive, 200);
     let before = filter.estimate();
     let stray = observation(drive.now(), Some(2), 0.3, 2.0);
@@ -271,7 +271,7 @@ fn one_outlier_changes_nothing() {
 /// Sightings without numbers are as good as those with, where the landmarks are far apart.
 #[test]
 fn an_unnamed_landmark_is_recognised() {
-    let (mut filter, mut drive) = started(9, params());
+    let (mut filter, mut drive) = started(9, &params());
     run(&mut filter, &mut drive, 200);
     let (mut named, seen) = (filter.clone(), drive.see(3));
     let unnamed = observation(seen.stamp(), None, seen.range(), seen.bearing());
@@ -285,7 +285,7 @@ fn an_unnamed_landmark_is_recognised() {
 #[test]
 fn a_late_sighting_counts_as_one_in_time() {
     let known = LandmarkFilterParams { priors: CalibrationPriors::KNOWN, ..params() };
-    let (mut in_time, mut drive) = started(2, known);
+    let (mut in_time, mut drive) = started(2, &known);
     run(&mut in_time, &mut drive, 100);
     let mut late = in_time.clone();
     let seen = drive.see(1);
@@ -384,7 +384,7 @@ fn odd_times_are_borne() {
 #[cfg(feature = "serde")]
 #[test]
 fn a_stored_filter_goes_on_with_the_same_bits_and_is_checked() {
-    let (mut filter, mut drive) = started(11, params());
+    let (mut filter, mut drive) = started(11, &params());
     run(&mut filter, &mut drive, 100);
     let mut twin: LandmarkFilter = serde_json::from_str(&serde_json::to_string(&filter).unwrap()).unwrap();
     assert_eq!(twin, filter);
