@@ -57,7 +57,7 @@ fn main() -> ExitCode {
     agv_support::run(|| {
         let log = match &args.dir {
             Some(folder) => MrclamLog::read(folder, args.robot)?,
-            None => simulation::drive(args.common.seed())?,
+            None => simulation::drive(args.common.seed()),
         };
         let taught = args.dir.is_some() && !args.uncalibrated;
         let params = LandmarkFilterParams {
@@ -66,7 +66,7 @@ fn main() -> ExitCode {
             clock: EstimateClock::Landmarks,
             ..LandmarkFilterParams::default()
         };
-        let replay = replay::replay(&log, params)?;
+        let replay = replay::replay(&log, &params)?;
         report(&replay)?.print(args.common.json)?;
         draw(&args.common.out_folder("landmarks")?, &log, &replay)
     })
@@ -86,7 +86,7 @@ fn create_drive() -> CalibrationPriors {
 }
 
 fn report(replay: &Replay) -> Result<Report> {
-    let statistics = |of: fn(&replay::Error) -> f64| Statistics::new(replay.errors.iter().map(of).collect());
+    let statistics = |of: fn(&replay::Sample) -> f64| Statistics::new(replay.samples.iter().map(of).collect());
     let position = statistics(|one| one.error.x.hypot(one.error.y))?;
     let heading = statistics(|one| one.error.z)?;
     let mut report = Report::new("Localisation by landmarks");
@@ -120,15 +120,15 @@ fn report(replay: &Replay) -> Result<Report> {
 
 fn draw(out: &FilePath, log: &MrclamLog, replay: &Replay) -> Result<()> {
     let mut scene = Scene::new("Landmarks, truth and estimate")
-        .trajectory("truth", Color::Green, replay.errors.iter().map(|one| &one.truth))
-        .trajectory("estimate", Color::Blue, replay.errors.iter().map(|one| &one.estimate));
-    for (_, place) in &log.landmarks {
-        scene = scene.mark("landmark", Color::Red, *place);
+        .trajectory("truth", Color::Green, replay.samples.iter().map(|one| &one.truth))
+        .trajectory("estimate", Color::Blue, replay.samples.iter().map(|one| &one.estimate));
+    for (id, place) in &log.landmarks {
+        scene = scene.mark(&id.to_string(), Color::Red, *place);
     }
     scene.write(out.join("landmarks.svg"))?;
     TimeSeries::new("Error of the position", "time in s", "m")
-        .curve("error", Color::Blue, replay.errors.iter().map(|one| (one.time, one.error.x.hypot(one.error.y))))
-        .curve("standard deviation", Color::Grey, replay.errors.iter().map(|one| (one.time, one.position_sigma)))
+        .curve("error", Color::Blue, replay.samples.iter().map(|one| (one.time, one.error.x.hypot(one.error.y))))
+        .curve("standard deviation", Color::Grey, replay.samples.iter().map(|one| (one.time, one.position_sigma)))
         .write(out.join("landmarks_error.svg"))?;
     Ok(())
 }

@@ -17,9 +17,9 @@ const START_SIGMAS: [f64; 3] = [0.02, 0.02, 0.02];
 /// A velocity is held until the next one, but no longer than this, in seconds.
 const LONGEST_HOLD: f64 = 2.0;
 
-/// How far the estimate was off.
+/// How far the estimate was off, once.
 #[derive(Debug, Clone, Copy)]
-pub(crate) struct Error {
+pub(crate) struct Sample {
     /// Seconds since the start.
     pub(crate) time: f64,
     /// Where the vehicle was.
@@ -37,7 +37,7 @@ pub(crate) struct Error {
 /// A log that was run through.
 pub(crate) struct Replay {
     /// At each pose of the reference.
-    pub(crate) errors: Vec<Error>,
+    pub(crate) samples: Vec<Sample>,
     /// Sightings of landmarks that the filter took in.
     pub(crate) used: usize,
     /// And those that it left out.
@@ -54,9 +54,9 @@ enum Event<'a> {
 }
 
 /// Runs a filter of these parameters through a log from the true pose on.
-pub(crate) fn replay(log: &MrclamLog, params: LandmarkFilterParams) -> Result<Replay, Box<dyn std::error::Error>> {
+pub(crate) fn replay(log: &MrclamLog, params: &LandmarkFilterParams) -> Result<Replay, Box<dyn std::error::Error>> {
     let map = LandmarkMap::new(log.landmarks.iter().copied())?;
-    let mut filter = LandmarkFilter::new(map, params)?;
+    let mut filter = LandmarkFilter::new(map, *params)?;
     let (Some(first), Some(last)) = (log.odometry.first(), log.odometry.last()) else {
         return Err("the log has no odometry".into());
     };
@@ -68,7 +68,7 @@ pub(crate) fn replay(log: &MrclamLog, params: LandmarkFilterParams) -> Result<Re
 
     let mut now = start.stamp;
     let mut held = Velocity { forward: 0.0, yaw_rate: 0.0, ..*first };
-    let (mut errors, mut used, mut rejected) = (Vec::new(), 0, 0);
+    let (mut samples, mut used, mut rejected) = (Vec::new(), 0, 0);
     for (stamp, event) in events(log) {
         if stamp > last.stamp {
             break;
@@ -91,10 +91,10 @@ pub(crate) fn replay(log: &MrclamLog, params: LandmarkFilterParams) -> Result<Re
                 Some(false) => rejected += 1,
                 None => {}
             },
-            Event::Reference(truth) => errors.extend(judge(&filter, stamp - start.stamp, truth)),
+            Event::Reference(truth) => samples.extend(judge(&filter, stamp - start.stamp, truth)),
         }
     }
-    Ok(Replay { errors, used, rejected, filter })
+    Ok(Replay { samples, used, rejected, filter })
 }
 
 /// All that the log holds, by time.
@@ -130,10 +130,10 @@ fn see(filter: &mut LandmarkFilter, seen: &SeenSubject) -> Result<Option<bool>, 
     Ok(Some(matches!(filter.update(&observation)?, UpdateOutcome::Applied(_))))
 }
 
-fn judge(filter: &LandmarkFilter, time: f64, truth: &Se2) -> Option<Error> {
+fn judge(filter: &LandmarkFilter, time: f64, truth: &Se2) -> Option<Sample> {
     let estimate = filter.estimate()?.pose;
     let error = truth.minus(estimate.mean());
     let nees = error.dot(&estimate.covariance().cholesky()?.solve(&error));
     let position_sigma = estimate.position_deviation();
-    Some(Error { time, truth: *truth, estimate: *estimate.mean(), error, nees, position_sigma })
+    Some(Sample { time, truth: *truth, estimate: *estimate.mean(), error, nees, position_sigma })
 }

@@ -24,7 +24,7 @@ const WAYPOINTS: [[f64; 2]; 6] = [[5.5, 2.5], [2.0, -2.5], [-5.5, -2.0], [-2.0, 
 const VIEW: (f64, f64) = (0.55, 7.0);
 
 /// Simulates the log.
-pub(crate) fn drive(seed: Seed) -> Result<MrclamLog, agv_support::Error> {
+pub(crate) fn drive(seed: Seed) -> MrclamLog {
     let mut stream = seed.stream(0, 0);
     let landmarks = places(&mut stream);
     let mut log = MrclamLog { landmarks, ..MrclamLog::default() };
@@ -47,7 +47,7 @@ pub(crate) fn drive(seed: Seed) -> Result<MrclamLog, agv_support::Error> {
         let yaw_rate = 0.93 * obeyed.yaw_rate + wander.y + 0.02 * normal(&mut stream);
         truth = truth * Twist2::new(forward, 0.0, yaw_rate).integrate(DT);
     }
-    Ok(log)
+    log
 }
 
 fn normal(stream: &mut Stream) -> f64 {
