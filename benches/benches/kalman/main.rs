@@ -1,6 +1,6 @@
 //! Kalman filters: a cycle of prediction and correction, with Joseph's form, a gate and wrapped headings.
 //!
-//! - `pose_filter`: the pose filter of the roles;
+//! - `pose_filter`: the pose filter of the roles; `landmark_filter`: fifteen states, calibrated on the way;
 //! - `three_states`, `five_states`: the same drive by the extended filter here, by one written out in nalgebra's
 //!   operators, and by the crates `kfilter` and `adskalman` (which have neither gate nor wrapping, the former no Joseph's form
 //!   either; both are given the same Jacobians).
@@ -10,14 +10,17 @@ mod peers;
 mod written_out;
 
 use agv_core::{
-    geometry::{Se2, Twist2, UncertainPose},
-    nalgebra::Matrix3,
+    geometry::{LieGroup, Se2, Twist2, UncertainPose, UncertainVector},
+    nalgebra::{Matrix3, Vector2},
     odometry::OdometryIncrement,
     roles::{Correct, Localizer, PoseBelief},
-    sensors::PoseObservation,
+    sensors::{LandmarkObservation, PoseObservation},
     time::Stamp,
 };
-use agv_filters::kalman::{Ekf, Gate, IterationParams, PoseFilter, PoseFilterParams, RtsSmoother, Ukf, UkfParams};
+use agv_filters::{
+    kalman::{Ekf, Gate, IterationParams, PoseFilter, PoseFilterParams, RtsSmoother, Ukf, UkfParams},
+    landmark::{LandmarkFilter, LandmarkFilterParams, LandmarkMap},
+};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use drive::{FiveStates, Problem, ThreeStates};
 use std::hint::black_box;
@@ -126,5 +129,41 @@ fn five_states(c: &mut Criterion) {
     filters::<FiveStates, 5>(c, "kalman/five_states");
 }
 
-criterion_group!(benches, pose_filter, three_states, five_states);
+/// Odometry of a minute on a circle at 50 Hz, and every fifth step a sighting of one of four landmarks.
+fn landmark_filter(c: &mut Criterion) {
+    let places = [[6.0, 5.0], [-6.0, 5.0], [-6.0, -5.0], [6.0, -5.0]].map(Vector2::from);
+    let map = LandmarkMap::new((0..).zip(places)).expect("places");
+    let sigmas = Vector2::new(0.05, 0.015);
+    let see = |id: usize, motion: &OdometryIncrement, truth: &Se2| {
+        let seen = truth.inverse().act(&places[id]);
+        let reading = UncertainVector::from_sigmas(Vector2::new(seen.norm(), seen.y.atan2(seen.x)), &sigmas);
+        LandmarkObservation::new(motion.end, Some(id as u32), reading.expect("deviations")).expect("a sighting")
+    };
+    let mut truth = Se2::default();
+    let mut drive = Vec::new();
+    for (step, (motion, _)) in circle().into_iter().enumerate() {
+        truth = truth * motion.start_from_end;
+        drive.push((motion, (step % 5 == 0).then(|| see(step / 5 % 4, &motion, &truth))));
+    }
+    let mut start = LandmarkFilter::new(map, LandmarkFilterParams::default()).expect("the defaults are sound");
+    let belief = PoseBelief::around(Se2::default(), Matrix3::identity() * 1e-4).expect("a covariance");
+    start.initialize(&belief).expect("a belief");
+    let run = |filter: &mut LandmarkFilter| {
+        filter.initialize(&belief).expect("a belief");
+        for (motion, seen) in &drive {
+            filter.predict(motion).expect("a motion");
+            if let Some(seen) = seen {
+                filter.update(seen).expect("a sighting");
+            }
+        }
+        filter.estimate().expect("initialised").pose
+    };
+    assert!(run(&mut start).mean().minus(&truth).norm() < 0.05);
+    let mut group = c.benchmark_group("kalman");
+    group.throughput(Throughput::Elements(drive.len() as u64));
+    group.bench_function("landmark_filter/predict_and_every_fifth_correct", |b| b.iter(|| run(black_box(&mut start))));
+    group.finish();
+}
+
+criterion_group!(benches, landmark_filter, pose_filter, three_states, five_states);
 criterion_main!(benches);

@@ -5,6 +5,9 @@
 //!
 //! [`fusion`] joins any mix of odometry, inertial units, poses, places and velocities ([`fusion::FusionFilter`]).
 //!
+//! [`landmark`] holds the filter for landmarks of which range and bearing are measured, which calibrates odometry and sensor on
+//! the way: [`landmark::LandmarkFilter`].
+//!
 //! [`particle`] holds Monte Carlo localisation: a set of weighted poses that odometry moves ([`particle::MotionModel`])
 //! and scans weigh ([`particle::SensorModel`]), put together by [`particle::Mcl`], which plays the roles
 //! [`Localizer`](agv_core::roles::Localizer) and [`Correct`](agv_core::roles::Correct).
@@ -21,5 +24,6 @@
 
 pub mod fusion;
 pub mod kalman;
+pub mod landmark;
 pub mod marker;
 pub mod particle;

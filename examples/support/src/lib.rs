@@ -10,6 +10,7 @@
 //! | scan logs: CARMEN, CSV, `SCAN` text | [`log`] |
 //! | ROS maps (PGM or PNG with YAML) | [`map`] |
 //! | MovingAI maps and scenarios | [`movingai`] |
+//! | UTIAS landmark sightings (MRCLAM) | [`mrclam`] |
 //! | trajectories: TUM, KITTI | [`trajectory`] |
 //! | Kümmerle's relations | [`relations`] |
 //! | clouds: PLY, PCD, KITTI and raw binary | [`cloud`] |
@@ -27,6 +28,7 @@ pub mod input;
 pub mod log;
 pub mod map;
 pub mod movingai;
+pub mod mrclam;
 pub mod plot;
 pub mod progress;
 pub mod relations;

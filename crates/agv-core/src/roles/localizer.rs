@@ -118,6 +118,11 @@ pub enum SkipReason {
         /// The gate.
         limit: f64,
     },
+    /// The observation is older than the motions that the belief remembers, or newer than they can be carried on.
+    OutsideHistory {
+        /// Seconds from the observation to the end of the last motion; negative for one that is newer.
+        age: f64,
+    },
     /// No hypothesis of the belief explains the observation at all.
     Unexplained,
 }
