@@ -24,7 +24,7 @@ mod weights;
 pub use free_space::FreeSpace;
 #[cfg(feature = "serde")]
 pub use mcl::MclCheckpoint;
-pub use mcl::{Mcl, MclDiagnostics, MclParams};
+pub use mcl::{Mcl, MclDiagnostics, MclParams, TemperingParams};
 pub use motion::{DifferentialOdometryModel, MotionModel, OdometryNoise};
 pub use resample::{Resampler, Systematic};
 pub use resample_policy::{And, EffectiveSampleSizeBelow, EntropyBelow, EveryNth, Or, ResampleContext, ResamplePolicy};

@@ -44,13 +44,14 @@ where
         let (outcome, pose) = match weighed {
             Err(reason) => (UpdateOutcome::Skipped(reason), known.pose),
             Ok(weights) => {
+                let (weights, degrees) = self.temper(observation, weights)?;
                 // Before resampling, which adds variance and no knowledge.
                 let moments = self.belief.particles.estimate(self.par)?;
                 let explained = self.sensor.explained(observation, moments.mean());
                 let stamp = known.stamp.or_else(|| observation.stamp());
                 self.belief.known = Some(Known { moments, pose: moments, stamp });
                 self.belief.streams.applied(observation, &self.belief.odom_from_base);
-                self.resample(weights);
+                self.resample(weights, degrees);
                 (
                     UpdateOutcome::Applied(explained.map_or_else(UpdateReport::default, UpdateReport::explaining)),
                     moments,
@@ -90,7 +91,7 @@ where
     }
 
     /// Draws a new set if the policy asks for it.
-    fn resample(&mut self, weights: WeightSummary)
+    fn resample(&mut self, weights: WeightSummary, degrees: usize)
     where
         R: Resampler,
         P: ResamplePolicy,
@@ -108,6 +109,6 @@ where
             *step += 1;
             *drawn = LastDrawn { updates: 0, odom_from_base: *odom_from_base };
         }
-        *diagnostics = MclDiagnostics { weights, resampled, updates: diagnostics.updates + 1 };
+        *diagnostics = MclDiagnostics { weights, resampled, degrees, updates: diagnostics.updates + 1 };
     }
 }

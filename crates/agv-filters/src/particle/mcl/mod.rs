@@ -8,8 +8,10 @@ mod filter;
 mod params;
 mod role;
 mod streams;
+mod temper;
 
 #[cfg(feature = "serde")]
 pub use checkpoint::MclCheckpoint;
 pub use filter::Mcl;
 pub use params::{MclDiagnostics, MclParams};
+pub use temper::TemperingParams;

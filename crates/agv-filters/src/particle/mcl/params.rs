@@ -1,5 +1,6 @@
 //! What is set once, and what is reported of each update.
 
+use super::temper::TemperingParams;
 use crate::particle::{EffectiveSampleSizeBelow, MotionThreshold, ParticleSet, WeightSummary};
 use agv_core::{Error, roles::StatusParams};
 
@@ -13,6 +14,8 @@ pub struct MclParams {
     pub update: MotionThreshold,
     /// When a new set is drawn.
     pub resample: EffectiveSampleSizeBelow,
+    /// When an observation is taken in by degrees.
+    pub tempering: TemperingParams,
     /// When the estimate counts as tracking, and when as lost.
     pub status: StatusParams,
 }
@@ -25,6 +28,7 @@ impl Default for MclParams {
             particles: 2000,
             update: MotionThreshold::default(),
             resample: EffectiveSampleSizeBelow::default(),
+            tempering: TemperingParams::default(),
             status: StatusParams::default(),
         }
     }
@@ -39,6 +43,7 @@ impl MclParams {
         ParticleSet::check_count(self.particles)?;
         self.update.validate()?;
         self.resample.validate()?;
+        self.tempering.validate()?;
         self.status.validate()
     }
 }
@@ -51,6 +56,8 @@ pub struct MclDiagnostics {
     pub weights: WeightSummary,
     /// Whether the set was resampled then.
     pub resampled: bool,
+    /// In how many degrees the last observation was taken in; one unless the weights collapsed.
+    pub degrees: usize,
     /// Updates applied since the belief was initialised.
     pub updates: u64,
 }
@@ -58,6 +65,6 @@ pub struct MclDiagnostics {
 impl MclDiagnostics {
     /// Those of `count` particles that were just drawn.
     pub(super) fn fresh(count: usize) -> Self {
-        Self { weights: WeightSummary::uniform(count), resampled: false, updates: 0 }
+        Self { weights: WeightSummary::uniform(count), resampled: false, degrees: 0, updates: 0 }
     }
 }

@@ -1,0 +1,217 @@
+//! Taking an observation in by degrees where it says much more than the particles foresaw.
+//!
+//! Where the odometry is wrong by more than its model expects, few particles lie where the scan puts the vehicle: the weights
+//! collapse onto those few, and what they leave out is lost. But a likelihood may as well be applied by powers `β` that sum to
+//! one, each as large as leaves enough particles alive:
+//!
+//! ```text
+//! w ← w L(x)^β    with    1 / Σ w² = target · n
+//! ```
+//!
+//! after which the set is drawn anew and every particle is moved by a kernel, a shrunken copy of the set's own spread: what
+//! survives closes up on the peak before the rest is applied (tempering: Del Moral, Doucet and Jasra, *Sequential Monte Carlo
+//! samplers*, 2006; kernel: Musso, Oudjane and Le Gland, *Improving regularised particle filters*, 2001).
+
+use super::{
+    belief::{Belief, LastDrawn},
+    filter::{Draw, Mcl},
+};
+use crate::particle::{Resampler, WeighParticles, WeightSummary, gaussian::PoseGaussian};
+use agv_core::{
+    Error, check,
+    geometry::{LieGroup, Se2, UncertainPose},
+};
+
+/// When an observation is taken in by degrees, and how.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct TemperingParams {
+    /// An observation that leaves an effective sample size below this share of the particles is taken in by degrees; zero
+    /// never does.
+    pub collapse: f64,
+    /// Effective sample size that a degree leaves, as a share of the particles.
+    pub target: f64,
+    /// Most degrees, with the last one, which takes all of the rest.
+    pub degrees: usize,
+    /// Largest deviation of the kernel, in metres: hypotheses farther apart are not smeared.
+    pub kernel_position: f64,
+    /// Largest deviation of the kernel, in radians.
+    pub kernel_rotation: f64,
+}
+
+impl Default for TemperingParams {
+    /// Below 5 %, which the right odometry never comes to (0.3 % of the updates of the Intel log, while the belief narrows
+    /// down) and which 25 of 500 particles can still carry; a kernel of at most 0.1 m and 0.1 rad, two map cells and the width
+    /// of a scan's peak.
+    fn default() -> Self {
+        Self { collapse: 0.05, target: 0.3, degrees: 5, kernel_position: 0.1, kernel_rotation: 0.1 }
+    }
+}
+
+impl TemperingParams {
+    /// Takes every observation in at once, as the plain filter does.
+    pub fn never() -> Self {
+        Self { collapse: 0.0, ..Self::default() }
+    }
+
+    /// Checks all fields.
+    ///
+    /// # Errors
+    /// Shares outside [0, 1], zero or more than a thousand degrees, or a deviation that is negative or not finite.
+    pub fn validate(&self) -> Result<(), Error> {
+        check::in_range("collapse", self.collapse, 0.0, 1.0)?;
+        check::in_range("target", self.target, 0.0, 1.0)?;
+        check::in_range("degrees", self.degrees as f64, 1.0, 1000.0)?;
+        check::non_negative("kernel_position", self.kernel_position)?;
+        check::non_negative("kernel_rotation", self.kernel_rotation)?;
+        Ok(())
+    }
+
+    /// The kernel for `count` particles with these moments: Silverman's bandwidth in three dimensions, cut.
+    fn kernel(&self, moments: &UncertainPose<Se2>, count: usize) -> Result<PoseGaussian, Error> {
+        let covariance = moments.covariance();
+        let bandwidth = (4.0 / (5.0 * count as f64)).powf(1.0 / 7.0);
+        let cut = |most: f64, variance: f64| if variance > 0.0 { most / variance.sqrt() } else { f64::INFINITY };
+        let position = cut(self.kernel_position, covariance.m11.max(covariance.m22));
+        let rotation = cut(self.kernel_rotation, covariance.m33);
+        let scale = bandwidth.min(position).min(rotation);
+        Ok(PoseGaussian::new(&UncertainPose::new(Se2::identity(), covariance * (scale * scale))?))
+    }
+}
+
+impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
+    /// If the weights have collapsed under an observation, takes it back and in again by degrees.
+    ///
+    /// `log_likelihoods` are those of the observation that the weights hold. Returns the weights, and in how many degrees.
+    pub(super) fn temper<Z: ?Sized>(
+        &mut self,
+        observation: &Z,
+        mut weights: WeightSummary,
+    ) -> Result<(WeightSummary, usize), Error>
+    where
+        S: WeighParticles<Z>,
+        R: Resampler,
+    {
+        let [draw_seed, kernel_seed] = [Draw::Tempering, Draw::TemperingKernel].map(|draw| self.seed_for(draw));
+        let Belief { particles, step, drawn, odom_from_base, .. } = &mut self.belief;
+        let count = particles.len();
+        let log_likelihoods = &mut self.log_likelihoods[..count];
+        let (mut rest, mut degrees) = (1.0, 1);
+        while degrees < self.tempering.degrees && weights.effective_sample_size < self.tempering.collapse * count as f64
+        {
+            let back = excess(particles.log_weights(), log_likelihoods, self.tempering.target);
+            // An impossible particle stays one.
+            log_likelihoods.iter_mut().for_each(|l| *l = if l.is_finite() { -back * *l } else { 0.0 });
+            if particles.reweigh(log_likelihoods, self.par).is_none() {
+                break;
+            }
+            rest *= back;
+            let kernel = self.tempering.kernel(&particles.estimate(self.par)?, count)?;
+            particles.resample(count, &self.rules.resampler, &mut draw_seed.stream(*step, 0), self.par);
+            particles.propose(self.par, |chunk, poses, moved| {
+                let mut stream = kernel_seed.stream(*step, chunk as u64);
+                for (moved, pose) in moved.iter_mut().zip(poses) {
+                    *moved = *pose * kernel.sample(&mut stream);
+                }
+            });
+            particles.adopt();
+            *step += 1;
+            *drawn = LastDrawn { updates: 0, odom_from_base: *odom_from_base };
+            if self.sensor.weigh(observation, particles.states(), log_likelihoods, self.par).is_err() {
+                break;
+            }
+            log_likelihoods.iter_mut().for_each(|l| *l *= rest);
+            let Some(tempered) = particles.reweigh(log_likelihoods, self.par) else { break };
+            weights = tempered;
+            degrees += 1;
+        }
+        Ok((weights, degrees))
+    }
+}
+
+/// Of so many particles the excess is found; of more, of every so-manieth.
+const MOST_TERMS: usize = 4096;
+
+/// Share of an observation that is to be taken back out of the weights for the effective sample size to become `target`, a
+/// share of the particles.
+fn excess(log_weights: &[f64], log_likelihoods: &[f64], target: f64) -> f64 {
+    let stride = log_weights.len().div_ceil(MOST_TERMS).max(1);
+    let target = target * log_weights.len().div_ceil(stride) as f64;
+    let effective_sample_size = |back: f64| {
+        let term = |(&w, &l): (&f64, &f64)| if w > f64::NEG_INFINITY { w - back * l } else { w };
+        let terms = || log_weights.iter().zip(log_likelihoods).step_by(stride).map(term);
+        let peak = terms().fold(f64::NEG_INFINITY, f64::max);
+        let (sum, squares) = terms().fold((0.0, 0.0), |(sum, squares), term| {
+            let weight = (term - peak).exp();
+            (sum + weight, squares + weight * weight)
+        });
+        sum * sum / squares
+    };
+    // It rises as the observation is taken back, to that of the weights before it.
+    let (mut less, mut more) = (0.0, 1.0);
+    for _ in 0..20 {
+        let middle = 0.5 * (less + more);
+        if effective_sample_size(middle) < target { less = middle } else { more = middle }
+    }
+    more
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::particle::ParticleSet;
+    use agv_core::compute::Par;
+    use nalgebra::Matrix3;
+
+    #[test]
+    fn taking_the_excess_back_leaves_the_effective_sample_size_that_was_asked_for() {
+        for (count, sharpness) in [(1000, 10.0), (1000, 1e3), (1000, 1e5), (60_000, 200.0)] {
+            let poses = (0..count).map(|i| Se2::new(f64::from(i), 0.0, 0.0)).collect();
+            let mut set = ParticleSet::new(poses).unwrap();
+            let slope = -sharpness / f64::from(count);
+            let mut log_likelihoods: Vec<f64> = (0..count).map(|i| slope * f64::from(i)).collect();
+            log_likelihoods[7] = f64::NEG_INFINITY;
+            let before = set.reweigh(&log_likelihoods, Par::Seq).unwrap().effective_sample_size / f64::from(count);
+            let back = excess(set.log_weights(), &log_likelihoods, 0.3);
+            log_likelihoods.iter_mut().for_each(|l| *l = if l.is_finite() { -back * *l } else { 0.0 });
+            let after = set.reweigh(&log_likelihoods, Par::Seq).unwrap().effective_sample_size / f64::from(count);
+            assert!(before < 0.25 && set.weights()[7] == 0.0);
+            assert!((after - 0.3).abs() < 0.01, "{sharpness}: {after}");
+        }
+    }
+
+    #[test]
+    fn the_kernel_is_a_shrunken_copy_and_is_cut() {
+        let params = TemperingParams::default();
+        let spread = |position: f64, rotation: f64| {
+            let variances = nalgebra::Vector3::new(position, position, rotation).map(|s| s * s);
+            let moments = UncertainPose::new(Se2::identity(), Matrix3::from_diagonal(&variances)).unwrap();
+            let kernel = params.kernel(&moments, 500).unwrap();
+            let mut stream = agv_core::compute::Seed(1).stream(0, 0);
+            let draws: Vec<_> = (0..4000).map(|_| kernel.sample(&mut stream)).collect();
+            let deviation = |of: fn(&Se2) -> f64| (draws.iter().map(|d| of(d).powi(2)).sum::<f64>() / 4000.0).sqrt();
+            (deviation(Se2::x), deviation(Se2::yaw))
+        };
+        // Bandwidth (4 / 2500)^(1/7) = 0.399.
+        let (position, rotation) = spread(0.1, 0.05);
+        assert!((position / 0.0399 - 1.0).abs() < 0.06 && (rotation / 0.01995 - 1.0).abs() < 0.06);
+        let (position, rotation) = spread(20.0, 1.5);
+        assert!((position / 0.1 - 1.0).abs() < 0.06 && rotation < 0.01);
+        assert_eq!(spread(0.0, 0.0), (0.0, 0.0));
+    }
+
+    #[test]
+    fn bad_parameters_are_named() {
+        let good = TemperingParams::default();
+        for (name, bad) in [
+            ("collapse", TemperingParams { collapse: 1.1, ..good }),
+            ("target", TemperingParams { target: f64::NAN, ..good }),
+            ("degrees", TemperingParams { degrees: 0, ..good }),
+            ("kernel_position", TemperingParams { kernel_position: -0.1, ..good }),
+            ("kernel_rotation", TemperingParams { kernel_rotation: f64::INFINITY, ..good }),
+        ] {
+            assert!(bad.validate().unwrap_err().to_string().starts_with(name));
+        }
+        assert!(TemperingParams::never().validate().is_ok());
+    }
+}
