@@ -2,16 +2,25 @@
 //!
 //! A cycle moves every particle by a draw of the [`MotionModel`], weighs it by the likelihood of the scan
 //! ([`SensorModel`]), and draws a new set in proportion to the weights where they have become uneven ([`Resampler`],
-//! [`ResamplePolicy`]). [`Mcl`] is that cycle; the parts are traits, so that each can be replaced.
+//! [`ResamplePolicy`]). [`Mcl`] is that cycle; the parts are traits, so that each can be replaced. [`Amcl`] is the adaptive filter: as many particles
+//! as the belief needs ([`KldSampling`]), new ones elsewhere where the belief is to be doubted ([`Recovery`],
+//! [`PoseProposal`]), and the best of several hypotheses for an estimate ([`Clusters`]).
 //!
 //! Particles are handled in fixed chunks of [`CHUNK`](agv_core::compute::CHUNK), each with a random stream keyed by
 //! (seed, step, chunk): a run has the same bits for any number of threads and continues from a checkpoint with them.
 
+mod amcl;
+mod chi_square;
+mod cluster;
 mod free_space;
 mod gaussian;
+mod histogram;
+mod kld;
 mod mcl;
 mod moments;
 mod motion;
+mod proposal;
+mod recovery;
 mod resample;
 mod resample_policy;
 mod sample_size;
@@ -21,11 +30,19 @@ mod trig;
 mod update_policy;
 mod weights;
 
+#[cfg(feature = "serde")]
+pub use amcl::AmclCheckpoint;
+pub use amcl::{Amcl, AmclParams};
+pub use cluster::{Clusters, Hypothesis, Hysteresis};
 pub use free_space::FreeSpace;
+pub use histogram::{PoseBins, PoseHistogram};
+pub use kld::{KldBound, KldParams, KldQuantile, KldSampling};
 #[cfg(feature = "serde")]
 pub use mcl::MclCheckpoint;
 pub use mcl::{Mcl, MclDiagnostics, MclParams, TemperingParams};
 pub use motion::{DifferentialOdometryModel, MotionModel, OdometryNoise};
+pub use proposal::{LikelihoodSearch, LikelihoodSearchParams, PoseProposal, ProposalContext, UniformProposal};
+pub use recovery::{Recovery, RecoveryParams};
 pub use resample::{Resampler, Systematic};
 pub use resample_policy::{And, EffectiveSampleSizeBelow, EntropyBelow, EveryNth, Or, ResampleContext, ResamplePolicy};
 pub use sample_size::{SameSize, SampleSize};

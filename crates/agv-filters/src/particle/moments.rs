@@ -16,7 +16,7 @@ use nalgebra::{Matrix2, Matrix3, Vector2};
 use std::f64::consts::PI;
 
 /// Sums over `(w, w x, w y, w c, w s, w x x, w x y, w y y, w x c, w x s, w y c, w y s)`.
-type Sums = [f64; 12];
+pub(super) type Sums = [f64; 12];
 
 impl ParticleSet {
     /// Weighted mean of the poses, with the covariance of the right increment.
@@ -43,16 +43,23 @@ impl ParticleSet {
 fn sum_chunk(poses: &[Se2], weights: &[f64], pivot: &Vector2<f64>) -> Sums {
     let mut sums = [0.0; 12];
     for (pose, &w) in poses.iter().zip(weights) {
-        let (x, y) = (pose.x() - pivot.x, pose.y() - pivot.y);
-        let (c, s) = (pose.rotation().cos(), pose.rotation().sin());
-        let (wx, wy) = (w * x, w * y);
-        let terms = [w, wx, wy, w * c, w * s, wx * x, wx * y, wy * y, wx * c, wx * s, wy * c, wy * s];
-        sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+        add_terms(&mut sums, pose, w, pivot);
     }
     sums
 }
 
-fn moments(sums: &Sums, pivot: &Vector2<f64>) -> Result<UncertainPose<Se2>, Error> {
+/// Adds a weighted pose.
+#[inline]
+pub(super) fn add_terms(sums: &mut Sums, pose: &Se2, w: f64, pivot: &Vector2<f64>) {
+    let (x, y) = (pose.x() - pivot.x, pose.y() - pivot.y);
+    let (c, s) = (pose.rotation().cos(), pose.rotation().sin());
+    let (wx, wy) = (w * x, w * y);
+    let terms = [w, wx, wy, w * c, w * s, wx * x, wx * y, wy * y, wx * c, wx * s, wy * c, wy * s];
+    sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+}
+
+/// The moments that sums of positive weight amount to.
+pub(super) fn moments(sums: &Sums, pivot: &Vector2<f64>) -> Result<UncertainPose<Se2>, Error> {
     let scale = 1.0 / sums[0];
     let [_, x, y, c, s, xx, xy, yy, xc, xs, yc, ys] = sums.map(|sum| sum * scale);
     let heading = So2::from_direction(c, s);

@@ -6,16 +6,64 @@ use super::{
     filter::{Draw, Mcl},
 };
 use crate::particle::{
-    MotionModel, ResampleContext, ResamplePolicy, Resampler, SampleSize, UpdateContext, UpdatePolicy, WeighParticles,
-    WeightSummary,
+    MotionModel, ParticleSet, ProposalContext, ResampleContext, ResamplePolicy, Resampler, SampleSize, UpdateContext,
+    UpdatePolicy, WeighParticles, WeightSummary,
 };
 use agv_core::{
     Error,
-    geometry::LieGroup,
+    geometry::{LieGroup, Se2, UncertainPose},
     odometry::OdometryIncrement,
-    roles::{SkipReason, UpdateOutcome, UpdateReport},
+    roles::{LocalizationError, SkipReason, UpdateOutcome, UpdateReport},
     sensors::Observation,
 };
+
+/// What an adaptive filter does differently.
+pub(in crate::particle) trait Adapt<Z: ?Sized, S: ?Sized> {
+    /// The estimate that a weighed set stands for, given its moments and where it was expected.
+    fn estimate(
+        &mut self,
+        particles: &ParticleSet,
+        moments: UncertainPose<Se2>,
+        expected: &UncertainPose<Se2>,
+    ) -> Result<UncertainPose<Se2>, Error>;
+
+    /// The share of the next set that is to be drawn elsewhere.
+    fn fresh_share(&mut self, observation: &Z, seen: &Seen<'_>) -> f64;
+
+    /// Poses drawn elsewhere, at most so many.
+    fn propose(&mut self, observation: &Z, sensor: &mut S, context: &ProposalContext<'_>, most: usize) -> &[Se2];
+}
+
+/// What an observation says of the belief.
+pub(in crate::particle) struct Seen<'a> {
+    pub(in crate::particle) weights: WeightSummary,
+    /// As how many independent readings the observation counts.
+    pub(in crate::particle) readings: f64,
+    pub(in crate::particle) explained: Option<f64>,
+    pub(in crate::particle) expected: &'a UncertainPose<Se2>,
+}
+
+/// The plain filter: the mean is the estimate, and nothing is drawn elsewhere.
+pub(super) struct Plain;
+
+impl<Z: ?Sized, S: ?Sized> Adapt<Z, S> for Plain {
+    fn estimate(
+        &mut self,
+        _: &ParticleSet,
+        moments: UncertainPose<Se2>,
+        _: &UncertainPose<Se2>,
+    ) -> Result<UncertainPose<Se2>, Error> {
+        Ok(moments)
+    }
+
+    fn fresh_share(&mut self, _: &Z, _: &Seen<'_>) -> f64 {
+        0.0
+    }
+
+    fn propose(&mut self, _: &Z, _: &mut S, _: &ProposalContext<'_>, _: usize) -> &[Se2] {
+        &[]
+    }
+}
 
 impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N>
 where
@@ -23,11 +71,11 @@ where
 {
     /// Draws the pending motion, weighs, takes the moments and resamples; but for the status, the belief is as it was if the
     /// observation is skipped.
-    pub(super) fn correct<Z: Observation + ?Sized>(
+    pub(in crate::particle) fn correct<Z: Observation + ?Sized>(
         &mut self,
         observation: &Z,
-        known: &Known,
-    ) -> Result<UpdateOutcome, Error>
+        adapt: &mut impl Adapt<Z, S>,
+    ) -> Result<UpdateOutcome, LocalizationError>
     where
         S: WeighParticles<Z>,
         R: Resampler,
@@ -35,6 +83,7 @@ where
         U: UpdatePolicy,
         N: SampleSize,
     {
+        let known = self.belief.known.ok_or(LocalizationError::NotInitialized)?;
         let motion = self.belief.streams.motion_since(observation, &self.belief.odom_from_base);
         let context = motion.map(|motion| UpdateContext::new(observation.sensor(), motion));
         if context.is_some_and(|context| !self.rules.update.is_due(&context)) {
@@ -45,13 +94,26 @@ where
             Err(reason) => (UpdateOutcome::Skipped(reason), known.pose),
             Ok(weights) => {
                 let (weights, degrees) = self.temper(observation, weights)?;
+                self.belief.diagnostics.degrees = degrees;
                 // Before resampling, which adds variance and no knowledge.
                 let moments = self.belief.particles.estimate(self.par)?;
+                let moments = adapt.estimate(&self.belief.particles, moments, &known.pose)?;
                 let explained = self.sensor.explained(observation, moments.mean());
                 let stamp = known.stamp.or_else(|| observation.stamp());
                 self.belief.known = Some(Known { moments, pose: moments, stamp });
                 self.belief.streams.applied(observation, &self.belief.odom_from_base);
-                self.resample(weights, degrees);
+                let readings = self.sensor.independent_readings();
+                let seen = Seen { weights, readings, explained, expected: &known.pose };
+                let share = adapt.fresh_share(observation, &seen);
+                let moments = if self.resample(observation, weights, share, adapt) {
+                    // What was drawn elsewhere outweighs what was weighed: it is the belief.
+                    let fresh = self.belief.particles.estimate(self.par)?;
+                    let fresh = adapt.estimate(&self.belief.particles, fresh, &fresh)?;
+                    self.belief.known = Some(Known { moments: fresh, pose: fresh, stamp });
+                    fresh
+                } else {
+                    moments
+                };
                 (
                     UpdateOutcome::Applied(explained.map_or_else(UpdateReport::default, UpdateReport::explaining)),
                     moments,
@@ -90,25 +152,43 @@ where
         Ok(weights)
     }
 
-    /// Draws a new set if the policy asks for it.
-    fn resample(&mut self, weights: WeightSummary, degrees: usize)
+    /// Draws a new set if the policy asks for it, or if a share of it is to be drawn elsewhere; returns whether that was most
+    /// of it.
+    fn resample<Z: ?Sized>(
+        &mut self,
+        observation: &Z,
+        weights: WeightSummary,
+        share: f64,
+        adapt: &mut impl Adapt<Z, S>,
+    ) -> bool
     where
         R: Resampler,
         P: ResamplePolicy,
         N: SampleSize,
     {
-        let [size_seed, seed] = [Draw::SampleSize, Draw::Resampling].map(|draw| self.seed_for(draw));
+        let seeds = [Draw::SampleSize, Draw::Resampling, Draw::Proposal].map(|draw| self.seed_for(draw));
+        let [size_seed, seed, proposal_seed] = seeds;
         let Belief { particles, step, drawn, diagnostics, odom_from_base, .. } = &mut self.belief;
         drawn.updates += 1;
         let motion = drawn.odom_from_base.between(odom_from_base);
         let context = ResampleContext::new(weights, particles.len(), drawn.updates, motion);
-        let resampled = self.rules.resample.is_due(&context);
+        let resampled = self.rules.resample.is_due(&context) || share > 0.0;
+        let mut fresh = 0;
         if resampled {
             let count = self.rules.size.sample_size(particles, &mut size_seed.stream(*step, 0));
-            particles.resample(count, &self.rules.resampler, &mut seed.stream(*step, 0), self.par);
+            let count = count.clamp(1, particles.capacity());
+            let most = (share * count as f64).round() as usize;
+            let context = ProposalContext::new(&self.free_space, self.par, proposal_seed, *step);
+            let proposed = if most > 0 { adapt.propose(observation, &mut self.sensor, &context, most) } else { &[] };
+            // One at least is kept, so that there is a set to add to.
+            fresh = proposed.len().min(count - 1);
+            particles.resample(count - fresh, &self.rules.resampler, &mut seed.stream(*step, 0), self.par);
+            particles.extend(&proposed[..fresh]);
             *step += 1;
             *drawn = LastDrawn { updates: 0, odom_from_base: *odom_from_base };
         }
-        *diagnostics = MclDiagnostics { weights, resampled, degrees, updates: diagnostics.updates + 1 };
+        let degrees = diagnostics.degrees;
+        *diagnostics = MclDiagnostics { weights, resampled, degrees, updates: diagnostics.updates + 1, fresh };
+        2 * fresh > particles.len()
     }
 }

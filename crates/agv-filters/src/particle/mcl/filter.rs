@@ -70,7 +70,7 @@ pub struct Mcl<M, S, R = Systematic, P = EffectiveSampleSizeBelow, U = MotionThr
     pub(super) rules: Rules<R, P, U, N>,
     pub(super) free_space: FreeSpace,
     pub(super) tempering: TemperingParams,
-    pub(super) par: Par,
+    pub(in crate::particle) par: Par,
     pub(super) seed: Seed,
     pub(super) belief: Belief,
     /// Scratch of the weighing, as long as the set's capacity.
@@ -93,8 +93,9 @@ pub(super) enum Draw {
     Motion = 1,
     Resampling = 2,
     SampleSize = 3,
-    Tempering = 4,
-    TemperingKernel = 5,
+    Proposal = 4,
+    Tempering = 5,
+    TemperingKernel = 6,
 }
 
 impl<M, S> Mcl<M, S> {

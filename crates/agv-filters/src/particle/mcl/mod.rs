@@ -12,6 +12,7 @@ mod temper;
 
 #[cfg(feature = "serde")]
 pub use checkpoint::MclCheckpoint;
+pub(super) use correct::{Adapt, Seen};
 pub use filter::Mcl;
 pub use params::{MclDiagnostics, MclParams};
 pub use temper::TemperingParams;

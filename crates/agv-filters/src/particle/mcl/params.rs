@@ -57,14 +57,18 @@ pub struct MclDiagnostics {
     /// Whether the set was resampled then.
     pub resampled: bool,
     /// In how many degrees the last observation was taken in; one unless the weights collapsed.
+    #[cfg_attr(feature = "serde", serde(default))]
     pub degrees: usize,
     /// Updates applied since the belief was initialised.
     pub updates: u64,
+    /// Particles that were drawn elsewhere than around the old ones then.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub fresh: usize,
 }
 
 impl MclDiagnostics {
     /// Those of `count` particles that were just drawn.
     pub(super) fn fresh(count: usize) -> Self {
-        Self { weights: WeightSummary::uniform(count), resampled: false, degrees: 0, updates: 0 }
+        Self { weights: WeightSummary::uniform(count), resampled: false, degrees: 0, updates: 0, fresh: 0 }
     }
 }

@@ -1,12 +1,15 @@
 //! The roles that the filter plays.
 
-use super::filter::{Draw, Mcl};
+use super::{
+    correct::Plain,
+    filter::{Draw, Mcl},
+};
 use crate::particle::{
     MotionModel, ResamplePolicy, Resampler, SampleSize, UpdatePolicy, WeighParticles, gaussian::PoseGaussian,
 };
 use agv_core::{
     Error, check,
-    compute::Stream,
+    compute::{CHUNK, Stream},
     geometry::{Se2, UncertainPose},
     odometry::OdometryIncrement,
     roles::{Correct, LocalizationError, LocalizationStatus, Localizer, PoseBelief, PoseEstimate, UpdateOutcome},
@@ -22,29 +25,14 @@ where
 {
     type Pose = Se2;
 
-    /// Draws all particles anew, as many as there is room for: around a pose, or uniformly over free space and heading.
+    /// Draws all particles anew, as many as there is room for: around a pose, or evenly over free space and heading
+    /// ([`FreeSpace::sample_stratum`](crate::particle::FreeSpace::sample_stratum)).
     ///
     /// # Errors
     /// [`LocalizationError::OffMap`] if not one particle lies in the map; a variance above (1000 km)².
     fn initialize(&mut self, belief: &PoseBelief<Se2>) -> Result<(), LocalizationError> {
-        match belief {
-            PoseBelief::Around(pose) => {
-                check::in_range("covariance", pose.covariance().amax(), 0.0, LONGEST_RUN * LONGEST_RUN)?;
-                let (gaussian, layout) = (PoseGaussian::new(pose), *self.free_space.layout());
-                let is_on_map = |pose: &Se2| layout.cell_at(&pose.translation()).is_some();
-                if !self.draw_all(|stream| gaussian.sample(stream), |poses| poses.iter().any(is_on_map)) {
-                    return Err(LocalizationError::OffMap { x: pose.mean().x(), y: pose.mean().y() });
-                }
-            }
-            PoseBelief::Anywhere => {
-                let free_space = self.free_space.clone();
-                self.draw_all(|stream| free_space.sample(stream), |_| true);
-            }
-            _ => return Err(Error::Empty { name: "belief" }.into()),
-        }
-        let moments = self.belief.particles.estimate(self.par)?;
-        self.belief.begin(moments);
-        Ok(())
+        let room = self.belief.particles.capacity();
+        self.initialize_with(belief, room)
     }
 
     fn predict(&mut self, odometry: &OdometryIncrement) -> Result<(), LocalizationError> {
@@ -89,22 +77,52 @@ where
     /// sensor, if the sensor finds too few readings, or if no particle explains the observation; the next observation is
     /// then taken in. The report says which share of the beams the mean explains, if the sensor's model can tell.
     fn update(&mut self, observation: &Z) -> Result<UpdateOutcome, LocalizationError> {
-        let known = self.belief.known.ok_or(LocalizationError::NotInitialized)?;
-        Ok(self.correct(observation, &known)?)
+        self.correct(observation, &mut Plain)
     }
 }
 
 impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
+    /// Draws `around` particles of a belief around a pose, or as many as there is room for of one over all free space.
+    pub(in crate::particle) fn initialize_with(
+        &mut self,
+        belief: &PoseBelief<Se2>,
+        around: usize,
+    ) -> Result<(), LocalizationError> {
+        match belief {
+            PoseBelief::Around(pose) => {
+                check::in_range("covariance", pose.covariance().amax(), 0.0, LONGEST_RUN * LONGEST_RUN)?;
+                let (gaussian, layout) = (PoseGaussian::new(pose), *self.free_space.layout());
+                let is_on_map = |pose: &Se2| layout.cell_at(&pose.translation()).is_some();
+                if !self.draw_all(around, |_, stream| gaussian.sample(stream), |poses| poses.iter().any(is_on_map)) {
+                    return Err(LocalizationError::OffMap { x: pose.mean().x(), y: pose.mean().y() });
+                }
+            }
+            PoseBelief::Anywhere => {
+                let free_space = self.free_space.clone();
+                let count = self.belief.particles.capacity();
+                self.draw_all(count, |index, stream| free_space.sample_stratum(index, count, stream), |_| true);
+            }
+            _ => return Err(Error::Empty { name: "belief" }.into()),
+        }
+        let moments = self.belief.particles.estimate(self.par)?;
+        self.belief.begin(moments);
+        Ok(())
+    }
+
     /// Replaces the particles by draws, unless they are not accepted.
-    fn draw_all(&mut self, sample: impl Fn(&mut Stream) -> Se2 + Sync, accept: impl Fn(&[Se2]) -> bool) -> bool {
+    fn draw_all(
+        &mut self,
+        count: usize,
+        sample: impl Fn(usize, &mut Stream) -> Se2 + Sync,
+        accept: impl Fn(&[Se2]) -> bool,
+    ) -> bool {
         let (seed, step) = (self.seed_for(Draw::Initialization), self.belief.step);
         let fill = |chunk: usize, poses: &mut [Se2]| {
             let mut stream = seed.stream(step, chunk as u64);
-            for pose in poses {
-                *pose = sample(&mut stream);
+            for (offset, pose) in poses.iter_mut().enumerate() {
+                *pose = sample(chunk * CHUNK + offset, &mut stream);
             }
         };
-        let count = self.belief.particles.capacity();
         let accepted = self.belief.particles.refill(count, self.par, fill, accept);
         if accepted {
             self.belief.step += 1;

@@ -122,7 +122,8 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
             }
             log_likelihoods.iter_mut().for_each(|l| *l *= rest);
             let Some(tempered) = particles.reweigh(log_likelihoods, self.par) else { break };
-            weights = tempered;
+            // How well the set foresaw the observation, the first weighing has said.
+            weights = WeightSummary { log_evidence: weights.log_evidence, ..tempered };
             degrees += 1;
         }
         Ok((weights, degrees))

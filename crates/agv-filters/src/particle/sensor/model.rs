@@ -61,12 +61,22 @@ pub trait SensorModel<Z: ?Sized> {
     /// # Errors
     /// Why the observation cannot weigh anything: [`SkipReason::TooFewReadings`] for a scan without usable beams.
     fn condition<'a>(&'a mut self, observation: &'a Z) -> Result<impl PoseLikelihood + 'a, SkipReason>;
+
+    /// As how many independent readings the log-likelihood of an observation counts: what it is divided by where observations
+    /// are compared with each other.
+    fn independent_readings(&self) -> f64 {
+        1.0
+    }
 }
 
 /// Two models of one observation whose errors are independent: likelihoods multiply, and what both see counts.
 impl<Z: ?Sized, A: SensorModel<Z>, B: SensorModel<Z>> SensorModel<Z> for (A, B) {
     fn condition<'a>(&'a mut self, observation: &'a Z) -> Result<impl PoseLikelihood + 'a, SkipReason> {
         Ok(Both(self.0.condition(observation)?, self.1.condition(observation)?))
+    }
+
+    fn independent_readings(&self) -> f64 {
+        self.0.independent_readings() + self.1.independent_readings()
     }
 }
 

@@ -60,6 +60,12 @@ pub trait WeighParticles<Z: ?Sized> {
         let _ = (observation, map_from_base);
         None
     }
+
+    /// As how many independent readings the log-likelihood of an observation counts: what it is divided by where observations
+    /// are compared with each other, as recovery does.
+    fn independent_readings(&self) -> f64 {
+        1.0
+    }
 }
 
 /// Weighs particles by a model that judges pose by pose.
@@ -103,6 +109,10 @@ impl<Z: ?Sized, S: SensorModel<Z>> WeighParticles<Z> for PerPose<S> {
     fn explained(&mut self, observation: &Z, map_from_base: &Se2) -> Option<f64> {
         self.0.condition(observation).ok()?.explained(map_from_base)
     }
+
+    fn independent_readings(&self) -> f64 {
+        self.0.independent_readings()
+    }
 }
 
 /// Conditions a model and asks it for each pose, in chunks.
@@ -141,6 +151,10 @@ macro_rules! weigh_per_pose {
             ) -> Option<f64> {
                 self.condition(observation).ok()?.explained(map_from_base)
             }
+
+            fn independent_readings(&self) -> f64 {
+                $crate::particle::SensorModel::<$observation>::independent_readings(self)
+            }
         }
     };
 }
@@ -161,6 +175,10 @@ macro_rules! weigh_through {
 
             fn explained(&mut self, observation: &Z, map_from_base: &Se2) -> Option<f64> {
                 (**self).explained(observation, map_from_base)
+            }
+
+            fn independent_readings(&self) -> f64 {
+                (**self).independent_readings()
             }
         }
     )+};

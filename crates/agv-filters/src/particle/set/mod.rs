@@ -248,6 +248,16 @@ impl<X: ParticleState> ParticleSet<X> {
     }
 }
 
+impl<X: ParticleState> ParticleSet<X> {
+    /// Adds states, as many as there is room for, and gives all particles the same weight.
+    pub fn extend(&mut self, states: &[X]) {
+        let end = (self.count + states.len()).min(self.capacity());
+        self.states[self.count..end].copy_from_slice(&states[..end - self.count]);
+        self.count = end;
+        self.equalize();
+    }
+}
+
 /// The entries of chunk `index`.
 pub(super) fn chunk_of<T>(values: &[T], index: usize) -> &[T] {
     let start = (index * CHUNK).min(values.len());

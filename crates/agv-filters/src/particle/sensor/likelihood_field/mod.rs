@@ -117,6 +117,13 @@ impl SensorModel<LaserScan> for LikelihoodFieldModel {
         }
         Ok(ScanOnTable::new(&self.table, &self.ends, usable, self.params.form))
     }
+
+    fn independent_readings(&self) -> f64 {
+        match self.params.form {
+            ScanForm::Product { independent_beams } => independent_beams.min(self.params.max_beams as f64),
+            ScanForm::SumOfCubes => 1.0,
+        }
+    }
 }
 
 weigh_per_pose!(LikelihoodFieldModel: LaserScan);

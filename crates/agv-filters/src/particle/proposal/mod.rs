@@ -1,0 +1,113 @@
+//! Where new particles come from, when they do not come from the old ones.
+
+mod search;
+
+use super::{FreeSpace, gaussian::PoseGaussian};
+use agv_core::{
+    compute::{CHUNK, Par, Seed, Stream},
+    geometry::{LieGroup, Se2, UncertainPose},
+    sensors::PoseObservation,
+};
+
+pub use search::{LikelihoodSearch, LikelihoodSearchParams};
+
+/// What a [`PoseProposal`] may use beside the observation and the sensor's model.
+#[derive(Debug, Clone, Copy)]
+#[non_exhaustive]
+pub struct ProposalContext<'a> {
+    /// Where the vehicle can stand.
+    pub free_space: &'a FreeSpace,
+    /// How its loops run.
+    pub par: Par,
+    seed: Seed,
+    step: u64,
+}
+
+impl<'a> ProposalContext<'a> {
+    /// Draws from the streams of (`seed`, `step`), which nothing else may draw from.
+    pub const fn new(free_space: &'a FreeSpace, par: Par, seed: Seed, step: u64) -> Self {
+        Self { free_space, par, seed, step }
+    }
+
+    /// The random stream of a chunk, for one `part` of the work.
+    pub fn stream(&self, part: u64, chunk: usize) -> Stream {
+        self.seed.derive(part).stream(self.step, chunk as u64)
+    }
+
+    /// Writes each pose with `draw(index, stream)`, in chunks with streams of their own.
+    pub fn fill(&self, part: u64, poses: &mut [Se2], draw: impl Fn(usize, &mut Stream) -> Se2 + Sync) {
+        self.par.for_each_chunk(poses, CHUNK, |chunk, poses: &mut [Se2]| {
+            let mut stream = self.stream(part, chunk);
+            for (offset, pose) in poses.iter_mut().enumerate() {
+                *pose = draw(chunk * CHUNK + offset, &mut stream);
+            }
+        });
+    }
+}
+
+/// Proposes poses where the vehicle may be, given an observation: asked by [`Amcl`](super::Amcl) for the particles that it
+/// does not draw from the old ones.
+///
+/// `S` is the sensor's model, which may weigh what is to be proposed.
+///
+/// ```
+/// use agv_core::geometry::Se2;
+/// use agv_filters::particle::{PoseProposal, ProposalContext};
+///
+/// /// Vehicles are switched on at a charger.
+/// struct Charger(Se2);
+/// impl<Z: ?Sized, S> PoseProposal<Z, S> for Charger {
+///     fn propose(&mut self, _: &Z, _: &mut S, _: &ProposalContext<'_>, poses: &mut [Se2]) -> usize {
+///         poses.fill(self.0);
+///         poses.len()
+///     }
+/// }
+/// ```
+pub trait PoseProposal<Z: ?Sized, S: ?Sized> {
+    /// Writes poses to the front of `poses`, and returns how many: as many as there is room for, or fewer where the
+    /// observation does not give them.
+    fn propose(&mut self, observation: &Z, sensor: &mut S, context: &ProposalContext<'_>, poses: &mut [Se2]) -> usize;
+
+    /// The share of the next set that is to be proposed, where the belief was `expected` before the observation and
+    /// [`Recovery`](super::Recovery) asks for `doubted`: that, unless the observation tells more.
+    fn share(&self, observation: &Z, expected: &UncertainPose<Se2>, doubted: f64) -> f64 {
+        let _ = (observation, expected);
+        doubted
+    }
+}
+
+/// Proposes any pose in free space, with equal density: Augmented MCL as it is in the textbook and in `nav2_amcl`.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct UniformProposal;
+
+impl<Z: ?Sized, S: ?Sized> PoseProposal<Z, S> for UniformProposal {
+    fn propose(&mut self, _: &Z, _: &mut S, context: &ProposalContext<'_>, poses: &mut [Se2]) -> usize {
+        context.fill(0, poses, |_, stream| context.free_space.sample(stream));
+        poses.len()
+    }
+}
+
+/// Draws poses from what a pose observation says itself: of a code on the floor, a beacon, another localizer.
+pub(super) fn propose_around(
+    observation: &PoseObservation<Se2>,
+    context: &ProposalContext<'_>,
+    poses: &mut [Se2],
+) -> usize {
+    let gaussian = PoseGaussian::new(&observation.map_from_base());
+    context.fill(0, poses, |_, stream| gaussian.sample(stream));
+    poses.len()
+}
+
+/// Particles that a pose observation brings: most of them if it contradicts the belief, and some in any case, since few old
+/// ones are as near to it as it is exact.
+pub(super) fn pose_share(observation: &PoseObservation<Se2>, expected: &UncertainPose<Se2>) -> f64 {
+    /// The 99.9 % quantile of chi-square with three degrees of freedom.
+    const GATE: f64 = 16.27;
+    const AGREED: f64 = 0.3;
+    const CONTRADICTED: f64 = 0.9;
+    let difference = expected.between(&observation.map_from_base());
+    let residual = difference.mean().log();
+    let distance = difference.covariance().cholesky().map(|root| residual.dot(&root.solve(&residual)));
+    if distance.is_some_and(|distance| distance <= GATE) { AGREED } else { CONTRADICTED }
+}
