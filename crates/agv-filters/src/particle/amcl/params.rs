@@ -25,6 +25,9 @@ pub struct AmclParams {
     pub hysteresis: Hysteresis,
     /// When an observation is taken in by degrees.
     pub tempering: TemperingParams,
+    /// Whether the estimate is brought from the particles' mean to the peak of the observation's likelihood, where the belief is
+    /// narrow and the sensor can tell.
+    pub refine: bool,
     /// When the estimate counts as tracking, and when as lost.
     pub status: StatusParams,
 }
@@ -32,7 +35,7 @@ pub struct AmclParams {
 impl Default for AmclParams {
     /// The defaults of the parts; 2000 particles around a start, as [`MclParams`].
     fn default() -> Self {
-        let MclParams { particles, update, resample, tempering, status } = MclParams::default();
+        let MclParams { particles, update, resample, tempering, refine, status } = MclParams::default();
         Self {
             particles,
             update,
@@ -41,6 +44,7 @@ impl Default for AmclParams {
             recovery: RecoveryParams::default(),
             hysteresis: Hysteresis::default(),
             tempering,
+            refine,
             status,
         }
     }
@@ -62,7 +66,7 @@ impl AmclParams {
 
     /// Those of the filter inside.
     pub(super) const fn mcl(&self) -> MclParams {
-        let Self { particles, update, resample, tempering, status, .. } = *self;
-        MclParams { particles, update, resample, tempering, status }
+        let Self { particles, update, resample, tempering, refine, status, .. } = *self;
+        MclParams { particles, update, resample, tempering, refine, status }
     }
 }

@@ -13,9 +13,10 @@ use agv_core::{
     Error,
     geometry::{LieGroup, Se2, UncertainPose},
     odometry::OdometryIncrement,
-    roles::{LocalizationError, SkipReason, UpdateOutcome, UpdateReport},
+    roles::{LocalizationError, SkipReason, StatusParams, UpdateOutcome, UpdateReport},
     sensors::Observation,
 };
+use nalgebra::Matrix3;
 
 /// What an adaptive filter does differently.
 pub(in crate::particle) trait Adapt<Z: ?Sized, S: ?Sized> {
@@ -98,6 +99,7 @@ where
                 // Before resampling, which adds variance and no knowledge.
                 let moments = self.belief.particles.estimate(self.par)?;
                 let moments = adapt.estimate(&self.belief.particles, moments, &known.pose)?;
+                let moments = self.refined(observation, moments, known.pose.covariance())?;
                 let explained = self.sensor.explained(observation, moments.mean());
                 let stamp = known.stamp.or_else(|| observation.stamp());
                 self.belief.known = Some(Known { moments, pose: moments, stamp });
@@ -150,6 +152,30 @@ where
             *step += 1;
         }
         Ok(weights)
+    }
+
+    /// The estimate at the peak of the observation's likelihood; what was `known` before keeps it there where the observation says
+    /// nothing. The covariance stays that of the particles.
+    fn refined<Z: ?Sized>(
+        &mut self,
+        observation: &Z,
+        moments: UncertainPose<Se2>,
+        known: &Matrix3<f64>,
+    ) -> Result<UncertainPose<Se2>, Error>
+    where
+        S: WeighParticles<Z>,
+    {
+        let StatusParams { narrow_position, narrow_rotation, .. } = *self.belief.monitor.params();
+        let is_narrow =
+            moments.position_deviation() < narrow_position && moments.rotation_deviation() < narrow_rotation;
+        if !(self.refine && is_narrow) {
+            return Ok(moments);
+        }
+        let guess = UncertainPose::new(*moments.mean(), *known)?;
+        match self.sensor.refine(observation, &guess) {
+            Some(mean) => UncertainPose::new(mean, *moments.covariance()),
+            None => Ok(moments),
+        }
     }
 
     /// Draws a new set if the policy asks for it, or if a share of it is to be drawn elsewhere; returns whether that was most

@@ -70,6 +70,7 @@ pub struct Mcl<M, S, R = Systematic, P = EffectiveSampleSizeBelow, U = MotionThr
     pub(super) rules: Rules<R, P, U, N>,
     pub(super) free_space: FreeSpace,
     pub(super) tempering: TemperingParams,
+    pub(super) refine: bool,
     pub(in crate::particle) par: Par,
     pub(super) seed: Seed,
     pub(super) belief: Belief,
@@ -115,6 +116,7 @@ impl<M, S> Mcl<M, S> {
             rules: Rules { resampler: Systematic, resample: params.resample, update: params.update, size: SameSize },
             free_space,
             tempering: params.tempering,
+            refine: params.refine,
             par: Par::Seq,
             seed,
             belief: Belief::none(particles, StatusMonitor::new(params.status)?),
@@ -160,8 +162,8 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
         self,
         change: impl FnOnce(Rules<R, P, U, N>) -> Rules<R2, P2, U2, N2>,
     ) -> Mcl<M, S, R2, P2, U2, N2> {
-        let Self { motion, sensor, rules, free_space, tempering, par, seed, belief, log_likelihoods } = self;
-        Mcl { motion, sensor, rules: change(rules), free_space, tempering, par, seed, belief, log_likelihoods }
+        let Self { motion, sensor, rules, free_space, tempering, refine, par, seed, belief, log_likelihoods } = self;
+        Mcl { motion, sensor, rules: change(rules), free_space, tempering, refine, par, seed, belief, log_likelihoods }
     }
 
     /// The weighted poses at the last update; the odometry since moves the estimate, not them.

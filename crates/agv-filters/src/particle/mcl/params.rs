@@ -16,6 +16,9 @@ pub struct MclParams {
     pub resample: EffectiveSampleSizeBelow,
     /// When an observation is taken in by degrees.
     pub tempering: TemperingParams,
+    /// Whether the estimate is brought from the particles' mean to the peak of the observation's likelihood, where the belief is
+    /// narrow and the sensor can tell.
+    pub refine: bool,
     /// When the estimate counts as tracking, and when as lost.
     pub status: StatusParams,
 }
@@ -29,6 +32,7 @@ impl Default for MclParams {
             update: MotionThreshold::default(),
             resample: EffectiveSampleSizeBelow::default(),
             tempering: TemperingParams::default(),
+            refine: true,
             status: StatusParams::default(),
         }
     }

@@ -12,6 +12,7 @@
 
 mod kernel;
 mod params;
+mod refine;
 mod table;
 #[cfg(test)]
 mod tests;
@@ -19,12 +20,14 @@ mod tests;
 use super::{PoseLikelihood, SensorModel, weigh_per_pose};
 use agv_core::{
     Error,
-    geometry::LieGroup,
+    geometry::{LieGroup, Se2, UncertainPose},
     grid::LikelihoodField,
     roles::SkipReason,
     sensors::{Beam, LaserScan},
 };
 use kernel::{BLOCK, EndBlock, ScanOnTable};
+use nalgebra::Vector2;
+use refine::Refiner;
 use std::sync::Arc;
 use table::Table;
 
@@ -118,11 +121,17 @@ impl SensorModel<LaserScan> for LikelihoodFieldModel {
         Ok(ScanOnTable::new(&self.table, &self.ends, usable, self.params.form))
     }
 
-    fn independent_readings(&self) -> f64 {
-        match self.params.form {
-            ScanForm::Product { independent_beams } => independent_beams.min(self.params.max_beams as f64),
-            ScanForm::SumOfCubes => 1.0,
+    /// Not with the sum of cubes: its terms do not tell distances.
+    fn refine(&mut self, scan: &LaserScan, guess: &UncertainPose<Se2>) -> Option<Se2> {
+        let ScanForm::Product { independent_beams } = self.params.form else { return None };
+        let hits = self.collect_ends(scan);
+        if hits < self.params.min_hits.max(1) {
+            return None;
         }
+        let pairs = self.ends.iter().flat_map(|[x, y]| x.iter().zip(y)).take(hits);
+        let ends = pairs.map(|(&x, &y)| Vector2::new(f64::from(x), f64::from(y)));
+        let weight = (independent_beams / hits as f64).min(1.0);
+        Refiner { table: &self.table, ends, weight }.refine(guess)
     }
 }
 

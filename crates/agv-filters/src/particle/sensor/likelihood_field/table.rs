@@ -20,6 +20,10 @@ pub(super) struct Table {
     pub(super) cells_per_metre: f64,
     /// Least term of an explained beam.
     pub(super) explained: f32,
+    /// The term of a beam that ends on what the map shows.
+    pub(super) greatest: f32,
+    /// Standard deviation of hits, in metres.
+    pub(super) sigma: f64,
 }
 
 impl Table {
@@ -56,6 +60,8 @@ impl Table {
         }
         terms.resize((width + 2) * (height + 2), border);
         Ok(Self {
+            greatest: term(field.params().density(0.0) as f32),
+            sigma: field.params().sigma_hit,
             terms,
             stride: width as u32 + 2,
             last: [(width + 1) as f32, (height + 1) as f32],
