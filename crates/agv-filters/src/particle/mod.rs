@@ -26,6 +26,7 @@ mod resample_policy;
 mod sample_size;
 mod sensor;
 mod set;
+mod temper;
 mod trig;
 mod update_policy;
 mod weights;
@@ -41,7 +42,9 @@ pub use kld::{KldBound, KldParams, KldQuantile, KldSampling};
 pub use mcl::MclCheckpoint;
 pub use mcl::{Mcl, MclDiagnostics, MclParams, TemperingParams};
 pub use motion::{DifferentialOdometryModel, MotionModel, OdometryNoise};
-pub use proposal::{LikelihoodSearch, LikelihoodSearchParams, PoseProposal, ProposalContext, UniformProposal};
+pub use proposal::{
+    LikelihoodSearch, LikelihoodSearchParams, ObservedPose, PoseProposal, ProposalContext, UniformProposal,
+};
 pub use recovery::{Recovery, RecoveryParams};
 pub use resample::{Resampler, Systematic};
 pub use resample_policy::{And, EffectiveSampleSizeBelow, EntropyBelow, EveryNth, Or, ResampleContext, ResamplePolicy};

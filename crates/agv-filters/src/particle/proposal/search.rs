@@ -6,7 +6,7 @@
 //! all of them are to be proposed, and later scans choose. (Lenser and Veloso 2000 draw from the sensor's model for the same
 //! purpose; Thrun, Fox, Burgard and Dellaert 2001 call it the dual of the particle filter.)
 
-use super::{PoseProposal, ProposalContext, pose_share, propose_around};
+use super::{ObservedPose, PoseProposal, ProposalContext};
 use crate::particle::{PoseBins, PoseHistogram, WeighParticles};
 use agv_core::{
     Error, check,
@@ -263,18 +263,19 @@ impl<S: WeighParticles<LaserScan> + ?Sized> PoseProposal<LaserScan, S> for Likel
     }
 }
 
+/// As [`ObservedPose`].
 impl<S: ?Sized> PoseProposal<PoseObservation<Se2>, S> for LikelihoodSearch {
     fn propose(
         &mut self,
         observation: &PoseObservation<Se2>,
-        _: &mut S,
+        sensor: &mut S,
         context: &ProposalContext<'_>,
         poses: &mut [Se2],
     ) -> usize {
-        propose_around(observation, context, poses)
+        ObservedPose::default().propose(observation, sensor, context, poses)
     }
 
-    fn share(&self, observation: &PoseObservation<Se2>, expected: &UncertainPose<Se2>, _: f64) -> f64 {
-        pose_share(observation, expected)
+    fn share(&self, observation: &PoseObservation<Se2>, expected: &UncertainPose<Se2>, doubted: f64) -> f64 {
+        PoseProposal::<_, S>::share(&ObservedPose::default(), observation, expected, doubted)
     }
 }

@@ -1,0 +1,113 @@
+//! Tempering: how much of an observation a set can bear.
+//!
+//! A set that is spread over a building holds few particles near the right pose, and none of them is exactly there: the full
+//! likelihood of a scan leaves the one that happens to fit best in some like place, and forgets the others for good. So the
+//! likelihood is taken to a power `τ ≤ 1` at which a given share of the particles stays effective (the step of annealed
+//! particle filters: Deutscher and Reid 2005; of tempered sequential samplers: Del Moral, Doucet and Jasra 2006). The next
+//! observations tell the places apart.
+
+use super::{ParticleSet, WeightSummary, set::chunk_of};
+use agv_core::compute::{CHUNK, Par};
+
+/// Steps of the bisection: the power is found to 1/4096.
+const STEPS: usize = 12;
+
+impl ParticleSet {
+    /// Takes back so much of an observation that was just taken in by [`reweigh`](Self::reweigh) with these log-likelihoods
+    /// that `least` particles are effective; the log-likelihoods are overwritten. The logarithm of the evidence stays that of the
+    /// whole observation.
+    ///
+    /// Nothing changes if as many are effective already. O(particles) for each of twelve steps.
+    pub(super) fn temper(
+        &mut self,
+        log_likelihoods: &mut [f64],
+        summary: WeightSummary,
+        least: f64,
+        par: Par,
+    ) -> WeightSummary {
+        if summary.effective_sample_size >= least {
+            return summary;
+        }
+        let (mut low, mut high) = (0.0, 1.0);
+        for _ in 0..STEPS {
+            let power = 0.5 * (low + high);
+            if self.effective_at(log_likelihoods, power, par) >= least { low = power } else { high = power }
+        }
+        for value in log_likelihoods.iter_mut() {
+            // What is impossible stays so.
+            *value = if value.is_finite() { (low - 1.0) * *value } else { 0.0 };
+        }
+        let tempered = self.reweigh(log_likelihoods, par);
+        tempered.map_or(summary, |tempered| WeightSummary { log_evidence: summary.log_evidence, ..tempered })
+    }
+
+    /// Effective number of particles if the observation, which the weights hold, counted with this power.
+    fn effective_at(&self, log_likelihoods: &[f64], power: f64, par: Par) -> f64 {
+        let log_weights = self.log_weights();
+        let term = |(&log_weight, &likelihood): (&f64, &f64)| {
+            if likelihood.is_finite() { log_weight + (power - 1.0) * likelihood } else { f64::NEG_INFINITY }
+        };
+        let chunks = self.len().div_ceil(CHUNK);
+        let pairs = |chunk: usize| chunk_of(log_weights, chunk).iter().zip(chunk_of(log_likelihoods, chunk));
+        let peak = par.map_reduce(chunks, |chunk| pairs(chunk).map(term).fold(f64::NEG_INFINITY, f64::max), f64::max);
+        let Some(peak) = peak.filter(|peak| peak.is_finite()) else { return 0.0 };
+        let sums = par.map_reduce(
+            chunks,
+            |chunk| {
+                pairs(chunk).map(term).fold([0.0; 2], |[sum, squares], term| {
+                    let weight = (term - peak).exp();
+                    [sum + weight, squares + weight * weight]
+                })
+            },
+            |a, b| [a[0] + b[0], a[1] + b[1]],
+        );
+        sums.map_or(0.0, |[sum, squares]| sum * sum / squares)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use agv_core::geometry::Se2;
+    use proptest::prelude::*;
+
+    fn set(count: usize) -> ParticleSet {
+        ParticleSet::new((0..count).map(|i| Se2::new(i as f64, 0.0, 0.0)).collect()).unwrap()
+    }
+
+    proptest! {
+        /// As many are effective as were asked for, the order of the particles is kept, and the weights are the likelihoods' power.
+        #[test]
+        fn a_power_is_found(logs in prop::collection::vec(-300.0..0.0_f64, 20..400), share in 0.02..0.5_f64) {
+            let (mut set, mut values) = (set(logs.len()), logs.clone());
+            let summary = set.reweigh(&values, Par::Seq).unwrap();
+            let least = share * logs.len() as f64;
+            let tempered = set.temper(&mut values, summary, least, Par::Seq);
+            prop_assert_eq!(tempered.log_evidence, summary.log_evidence);
+            prop_assert!(tempered.effective_sample_size >= least * 0.999);
+            if summary.effective_sample_size < least {
+                // The next power of the bisection would have been too much.
+                prop_assert!(tempered.effective_sample_size < 1.35 * least + 1.0, "{} {least}", tempered.effective_sample_size);
+                let slope = (set.log_weights()[1] - set.log_weights()[0]) / (logs[1] - logs[0]);
+                prop_assert!((0.0..1.0).contains(&slope));
+                for i in 1..logs.len() {
+                    let other = (set.log_weights()[i] - set.log_weights()[0]) - slope * (logs[i] - logs[0]);
+                    prop_assert!(other.abs() < 1e-6);
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_impossible_stays_so() {
+        let (mut set, mut values) = (set(4), [0.0, -50.0, f64::NEG_INFINITY, -50.0]);
+        let summary = set.reweigh(&values, Par::Seq).unwrap();
+        let tempered = set.temper(&mut values, summary, 2.5, Par::Seq);
+        assert!(tempered.effective_sample_size >= 2.5 && set.weights()[2] == 0.0, "{:?}", set.weights());
+        // More than are possible cannot be had: nothing of the observation is left but that.
+        let (mut set, mut values) = (self::set(4), [0.0, -50.0, f64::NEG_INFINITY, -50.0]);
+        let summary = set.reweigh(&values, Par::Seq).unwrap();
+        let tempered = set.temper(&mut values, summary, 4.0, Par::Seq);
+        assert!((tempered.effective_sample_size - 3.0).abs() < 1e-9 && set.weights()[2] == 0.0);
+    }
+}

@@ -1,0 +1,243 @@
+//! The filters that are compared, from the plainest to the fullest.
+
+use super::{Result, drive::Step, site::Site};
+use agv_nav::{
+    core::{
+        compute::Par,
+        geometry::UncertainPose,
+        grid::{LikelihoodField, LikelihoodFieldParams},
+        roles::SkipReason,
+        sensors::PoseObservation,
+    },
+    filters::particle::{
+        Amcl, AmclParams, DifferentialOdometryModel, EffectiveSampleSizeBelow, KldParams, KldSampling,
+        LikelihoodFieldModel, LikelihoodFieldModelParams, Mcl, MclParams, MotionThreshold, ObservedPose, OdometryNoise,
+        PoseProposal, ProposalContext, RecoveryParams, SampleSize, Systematic, UniformProposal, WeighParticles,
+    },
+    nalgebra::{Matrix3, Vector3},
+    prelude::*,
+};
+
+/// Which filter.
+#[derive(Clone, Copy, PartialEq, Eq, Debug)]
+pub(crate) enum Kind {
+    /// A fixed number of particles.
+    Fixed,
+    /// As many as KLD sampling asks for.
+    Kld,
+    /// The same, with new ones anywhere by `w_slow` and `w_fast`: `nav2_amcl`'s recovery.
+    Augmented,
+    /// The same, with new ones where the scan fits: the defaults of [`Amcl`].
+    Search,
+    /// `Augmented` with the codes on the floor.
+    Codes,
+    /// `Search` with the codes on the floor.
+    SearchAndCodes,
+}
+
+impl Kind {
+    pub(crate) const ALL: [Self; 6] =
+        [Self::Fixed, Self::Kld, Self::Augmented, Self::Search, Self::Codes, Self::SearchAndCodes];
+
+    pub(crate) const fn name(self) -> &'static str {
+        match self {
+            Self::Fixed => "mcl",
+            Self::Kld => "kld",
+            Self::Augmented => "kld_augmented",
+            Self::Search => "amcl",
+            Self::Codes => "kld_augmented_codes",
+            Self::SearchAndCodes => "amcl_codes",
+        }
+    }
+
+    /// The filter, which starts where the vehicle does; or anywhere.
+    pub(crate) fn build(self, site: &Site, belief: &PoseBelief<Se2>, seed: Seed, par: Par) -> Result<Box<dyn Filter>> {
+        let field = LikelihoodField::new(&site.map, LikelihoodFieldParams::default())?;
+        let laser = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default())?;
+        let motion = DifferentialOdometryModel::new(OdometryNoise::uniform(0.05))?;
+        let (space, sensors) = (site.free_space.clone(), Sensors { laser });
+        // Paper 001 starts with 1500 particles where their number adapts.
+        let kld = KldParams { max_particles: 1500, ..KldParams::default() };
+        let mcl = |particles| {
+            let params = MclParams { particles, ..MclParams::default() };
+            Mcl::new(motion, sensors.clone(), space.clone(), params, seed)
+        };
+        let with_codes = matches!(self, Self::Codes | Self::SearchAndCodes);
+        let mut filter: Box<dyn Filter> = match self {
+            Self::Fixed => Box::new(Plain(mcl(1000)?.with_parallelism(par))),
+            Self::Kld => Box::new(Plain(mcl(1500)?.with_parallelism(par).with_sample_size(KldSampling::new(kld)?)?)),
+            Self::Augmented | Self::Codes => {
+                let recovery = RecoveryParams::augmented(0.001, 0.1);
+                let params =
+                    AmclParams { particles: 1500, kld, recovery, least_effective: 0.0, ..AmclParams::default() };
+                let amcl = Amcl::new(motion, sensors, space, params, seed)?.with_parallelism(par);
+                // Uniform for scans; a code is drawn from all the same.
+                Box::new(Adaptive { amcl: amcl.with_proposal(Anywhere), with_codes })
+            }
+            Self::Search | Self::SearchAndCodes => {
+                let amcl = Amcl::new(motion, sensors, space, AmclParams::default(), seed)?.with_parallelism(par);
+                Box::new(Adaptive { amcl, with_codes })
+            }
+        };
+        filter.start(belief)?;
+        Ok(filter)
+    }
+}
+
+/// What the comparison asks of a filter.
+pub(crate) trait Filter {
+    fn start(&mut self, belief: &PoseBelief<Se2>) -> Result<()>;
+
+    /// Follows a step; whether a scan was applied.
+    fn follow(&mut self, step: &Step) -> Result<bool>;
+
+    fn pose(&self) -> Option<Se2>;
+
+    fn particles(&self) -> &[Se2];
+
+    fn status(&self) -> LocalizationStatus;
+}
+
+struct Plain<F>(F);
+
+struct Adaptive<G> {
+    amcl: Amcl<DifferentialOdometryModel, Sensors, G>,
+    with_codes: bool,
+}
+
+macro_rules! filter_methods {
+    ($inner:tt) => {
+        fn start(&mut self, belief: &PoseBelief<Se2>) -> Result<()> {
+            Ok(self.$inner.initialize(belief)?)
+        }
+
+        fn pose(&self) -> Option<Se2> {
+            self.$inner.estimate().map(|estimate| *estimate.map_from_base())
+        }
+
+        fn particles(&self) -> &[Se2] {
+            self.$inner.particles().states()
+        }
+
+        fn status(&self) -> LocalizationStatus {
+            Localizer::status(&self.$inner)
+        }
+    };
+}
+
+type Sized<N> = Mcl<DifferentialOdometryModel, Sensors, Systematic, EffectiveSampleSizeBelow, MotionThreshold, N>;
+
+impl<N: SampleSize> Filter for Plain<Sized<N>> {
+    filter_methods!(0);
+
+    fn follow(&mut self, step: &Step) -> Result<bool> {
+        self.0.predict(&step.odometry)?;
+        if step.is_standing {
+            self.0.request_update();
+        }
+        Ok(matches!(self.0.update(&step.scan)?, UpdateOutcome::Applied(_)))
+    }
+}
+
+impl<G> Filter for Adaptive<G>
+where
+    G: PoseProposal<LaserScan, Sensors> + PoseProposal<PoseObservation<Se2>, Sensors>,
+{
+    filter_methods!(amcl);
+
+    fn follow(&mut self, step: &Step) -> Result<bool> {
+        self.amcl.predict(&step.odometry)?;
+        if step.is_standing {
+            self.amcl.request_update();
+        }
+        let applied = matches!(self.amcl.update(&step.scan)?, UpdateOutcome::Applied(_));
+        if let Some(code) = step.code.filter(|_| self.with_codes) {
+            self.amcl.update(&code)?;
+        }
+        Ok(applied)
+    }
+}
+
+/// The laser, and codes on the floor.
+#[derive(Clone)]
+pub(crate) struct Sensors {
+    laser: LikelihoodFieldModel,
+}
+
+impl WeighParticles<LaserScan> for Sensors {
+    fn weigh(
+        &mut self,
+        scan: &LaserScan,
+        poses: &[Se2],
+        out: &mut [f64],
+        par: Par,
+    ) -> std::result::Result<(), SkipReason> {
+        self.laser.weigh(scan, poses, out, par)
+    }
+
+    fn explained(&mut self, scan: &LaserScan, pose: &Se2) -> Option<f64> {
+        self.laser.explained(scan, pose)
+    }
+
+    fn independent_readings(&self) -> f64 {
+        WeighParticles::<LaserScan>::independent_readings(&self.laser)
+    }
+}
+
+/// One code in a thousand is misread: so far from it, all poses are alike.
+const MISREAD: f64 = 1e-3;
+
+impl WeighParticles<PoseObservation<Se2>> for Sensors {
+    fn weigh(
+        &mut self,
+        code: &PoseObservation<Se2>,
+        poses: &[Se2],
+        out: &mut [f64],
+        _: Par,
+    ) -> std::result::Result<(), SkipReason> {
+        let seen = code.map_from_base();
+        let information = seen.covariance().try_inverse().ok_or(SkipReason::Unexplained)?;
+        for (value, pose) in out.iter_mut().zip(poses) {
+            let residual: Vector3<f64> = pose.minus(seen.mean());
+            *value = ((-0.5 * residual.dot(&(information * residual))).exp() + MISREAD).ln();
+        }
+        Ok(())
+    }
+}
+
+/// New particles anywhere for scans, around the code for codes.
+#[derive(Clone)]
+pub(crate) struct Anywhere;
+
+impl PoseProposal<LaserScan, Sensors> for Anywhere {
+    fn propose(
+        &mut self,
+        scan: &LaserScan,
+        sensors: &mut Sensors,
+        context: &ProposalContext<'_>,
+        poses: &mut [Se2],
+    ) -> usize {
+        UniformProposal.propose(scan, sensors, context, poses)
+    }
+}
+
+impl PoseProposal<PoseObservation<Se2>, Sensors> for Anywhere {
+    fn propose(
+        &mut self,
+        code: &PoseObservation<Se2>,
+        sensors: &mut Sensors,
+        context: &ProposalContext<'_>,
+        poses: &mut [Se2],
+    ) -> usize {
+        ObservedPose::default().propose(code, sensors, context, poses)
+    }
+
+    fn share(&self, code: &PoseObservation<Se2>, expected: &UncertainPose<Se2>, doubted: f64) -> f64 {
+        PoseProposal::<_, Sensors>::share(&ObservedPose::default(), code, expected, doubted)
+    }
+}
+
+/// A belief around the start, as the paper's experiments have it.
+pub(crate) fn around(start: Se2) -> Result<PoseBelief<Se2>> {
+    Ok(PoseBelief::around(start, Matrix3::from_diagonal(&Vector3::new(0.04, 0.04, 0.03)))?)
+}
