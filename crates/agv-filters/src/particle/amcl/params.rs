@@ -21,9 +21,6 @@ pub struct AmclParams {
     pub kld: KldParams,
     /// When, and how many of them, are drawn elsewhere.
     pub recovery: RecoveryParams,
-    /// Share of the particles that an observation must leave effective, in [0, 1): of one that leaves fewer only so much is
-    /// taken in; zero takes in all.
-    pub least_effective: f64,
     /// Which hypothesis is the estimate.
     pub hysteresis: Hysteresis,
     /// When an observation is taken in by degrees.
@@ -36,8 +33,7 @@ pub struct AmclParams {
 }
 
 impl Default for AmclParams {
-    /// The defaults of the parts; 2000 particles around a start, as [`MclParams`]. An observation may leave one particle in
-    /// twenty: a tracker is not slowed down by that, and a global start needs some five observations.
+    /// The defaults of the parts; 2000 particles around a start, as [`MclParams`].
     fn default() -> Self {
         let MclParams { particles, update, resample, tempering, refine, status } = MclParams::default();
         Self {
@@ -46,7 +42,6 @@ impl Default for AmclParams {
             resample,
             kld: KldParams::default(),
             recovery: RecoveryParams::default(),
-            least_effective: 0.05,
             hysteresis: Hysteresis::default(),
             tempering,
             refine,
@@ -66,7 +61,6 @@ impl AmclParams {
         ParticleSet::check_count(self.particles)?;
         check::in_range("particles", self.particles as f64, 1.0, self.kld.max_particles as f64)?;
         self.recovery.validate()?;
-        check::in_range("least_effective", self.least_effective, 0.0, 0.99)?;
         self.hysteresis.validate()
     }
 

@@ -28,11 +28,6 @@ pub(in crate::particle) trait Adapt<Z: ?Sized, S: ?Sized> {
         expected: &UncertainPose<Se2>,
     ) -> Result<UncertainPose<Se2>, Error>;
 
-    /// The share of the particles that an observation must leave effective.
-    fn least_effective(&self) -> f64 {
-        0.0
-    }
-
     /// The share of the next set that is to be drawn elsewhere.
     fn fresh_share(&mut self, observation: &Z, seen: &Seen<'_>) -> f64;
 
@@ -95,11 +90,11 @@ where
         if context.is_some_and(|context| !self.rules.update.is_due(&context)) {
             return Ok(UpdateOutcome::Skipped(SkipReason::LittleMotion));
         }
-        let weighed = self.move_and_weigh(observation, adapt.least_effective());
+        let weighed = self.move_and_weigh(observation);
         let (outcome, pose) = match weighed {
             Err(reason) => (UpdateOutcome::Skipped(reason), known.pose),
             Ok(weights) => {
-                let (weights, degrees) = self.temper(observation, weights)?;
+                let (weights, degrees) = self.temper(observation, weights, &known.pose)?;
                 self.belief.diagnostics.degrees = degrees;
                 // Before resampling, which adds variance and no knowledge.
                 let moments = self.belief.particles.estimate(self.par)?;
@@ -133,7 +128,7 @@ where
 
     /// Moves the particles by a draw of the pending motion and weighs them there; they stay where they were, with their
     /// weights, if the observation weighs nothing.
-    fn move_and_weigh<Z: ?Sized>(&mut self, observation: &Z, least_effective: f64) -> Result<WeightSummary, SkipReason>
+    fn move_and_weigh<Z: ?Sized>(&mut self, observation: &Z) -> Result<WeightSummary, SkipReason>
     where
         S: WeighParticles<Z>,
     {
@@ -156,8 +151,7 @@ where
             particles.adopt();
             *step += 1;
         }
-        let least = least_effective * particles.len() as f64;
-        Ok(particles.temper(log_likelihoods, weights, least, self.par))
+        Ok(weights)
     }
 
     /// The estimate at the peak of the observation's likelihood; what was `known` before keeps it there where the observation says

@@ -9,7 +9,8 @@
 //! ```
 //!
 //! after which the set is drawn anew and every particle is moved by a kernel, a shrunken copy of the set's own spread: what
-//! survives closes up on the peak before the rest is applied (tempering: Del Moral, Doucet and Jasra, *Sequential Monte Carlo
+//! survives closes up on the peak before the rest is applied. A belief that is spread over a building has no such peak yet, and
+//! few particles near any: of that only one power is applied, and the next observations tell the places apart (tempering: Del Moral, Doucet and Jasra, *Sequential Monte Carlo
 //! samplers*, 2006; kernel: Musso, Oudjane and Le Gland, *Improving regularised particle filters*, 2001).
 
 use super::{
@@ -31,8 +32,11 @@ pub struct TemperingParams {
     pub collapse: f64,
     /// Effective sample size that a degree leaves, as a share of the particles.
     pub target: f64,
-    /// Most degrees, with the last one, which takes all of the rest.
+    /// Most degrees; what the set cannot bear of the last one is left out.
     pub degrees: usize,
+    /// Deviation of the expected position, in metres, from which on a belief is too wide for it: of an observation only as much
+    /// is taken in as leaves the least effective sample size.
+    pub widest: f64,
     /// Largest deviation of the kernel, in metres: hypotheses farther apart are not smeared.
     pub kernel_position: f64,
     /// Largest deviation of the kernel, in radians.
@@ -42,9 +46,9 @@ pub struct TemperingParams {
 impl Default for TemperingParams {
     /// Below 5 %, which the right odometry never comes to (0.3 % of the updates of the Intel log, while the belief narrows
     /// down) and which 25 of 500 particles can still carry; a kernel of at most 0.1 m and 0.1 rad, two map cells and the width
-    /// of a scan's peak.
+    /// of a scan's peak. Up to 1 m, twice the deviation of a start that a person names, a belief has one peak.
     fn default() -> Self {
-        Self { collapse: 0.05, target: 0.3, degrees: 5, kernel_position: 0.1, kernel_rotation: 0.1 }
+        Self { collapse: 0.05, target: 0.3, degrees: 5, widest: 1.0, kernel_position: 0.1, kernel_rotation: 0.1 }
     }
 }
 
@@ -62,6 +66,7 @@ impl TemperingParams {
         check::in_range("collapse", self.collapse, 0.0, 1.0)?;
         check::in_range("target", self.target, 0.0, 1.0)?;
         check::in_range("degrees", self.degrees as f64, 1.0, 1000.0)?;
+        check::non_negative("widest", self.widest)?;
         check::non_negative("kernel_position", self.kernel_position)?;
         check::non_negative("kernel_rotation", self.kernel_rotation)?;
         Ok(())
@@ -80,32 +85,34 @@ impl TemperingParams {
 }
 
 impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
-    /// If the weights have collapsed under an observation, takes it back and in again by degrees.
+    /// If the weights have collapsed under an observation, takes it back and in again by degrees, or, in a belief as wide as
+    /// `expected`, only as much of it as the set can bear.
     ///
     /// `log_likelihoods` are those of the observation that the weights hold. Returns the weights, and in how many degrees.
     pub(super) fn temper<Z: ?Sized>(
         &mut self,
         observation: &Z,
         mut weights: WeightSummary,
+        expected: &UncertainPose<Se2>,
     ) -> Result<(WeightSummary, usize), Error>
     where
         S: WeighParticles<Z>,
         R: Resampler,
     {
+        let TemperingParams { collapse, target, degrees: most, widest, .. } = self.tempering;
         let [draw_seed, kernel_seed] = [Draw::Tempering, Draw::TemperingKernel].map(|draw| self.seed_for(draw));
         let Belief { particles, step, drawn, odom_from_base, .. } = &mut self.belief;
         let count = particles.len();
+        let [least, target] = [collapse, target].map(|share| share * count as f64);
         let log_likelihoods = &mut self.log_likelihoods[..count];
         let (mut rest, mut degrees) = (1.0, 1);
-        while degrees < self.tempering.degrees && weights.effective_sample_size < self.tempering.collapse * count as f64
-        {
-            let back = excess(particles.log_weights(), log_likelihoods, self.tempering.target);
-            // An impossible particle stays one.
-            log_likelihoods.iter_mut().for_each(|l| *l = if l.is_finite() { -back * *l } else { 0.0 });
-            if particles.reweigh(log_likelihoods, self.par).is_none() {
+        while weights.effective_sample_size < least {
+            if degrees == most || expected.position_deviation() > widest {
+                (weights, _) = particles.temper(log_likelihoods, weights, least, self.par);
                 break;
             }
-            rest *= back;
+            let (_, power) = particles.temper(log_likelihoods, weights, target, self.par);
+            rest *= 1.0 - power;
             let kernel = self.tempering.kernel(&particles.estimate(self.par)?, count)?;
             particles.resample(count, &self.rules.resampler, &mut draw_seed.stream(*step, 0), self.par);
             particles.propose(self.par, |chunk, poses, moved| {
@@ -130,56 +137,10 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
     }
 }
 
-/// Of so many particles the excess is found; of more, of every so-manieth.
-const MOST_TERMS: usize = 4096;
-
-/// Share of an observation that is to be taken back out of the weights for the effective sample size to become `target`, a
-/// share of the particles.
-fn excess(log_weights: &[f64], log_likelihoods: &[f64], target: f64) -> f64 {
-    let stride = log_weights.len().div_ceil(MOST_TERMS).max(1);
-    let target = target * log_weights.len().div_ceil(stride) as f64;
-    let effective_sample_size = |back: f64| {
-        let term = |(&w, &l): (&f64, &f64)| if w > f64::NEG_INFINITY { w - back * l } else { w };
-        let terms = || log_weights.iter().zip(log_likelihoods).step_by(stride).map(term);
-        let peak = terms().fold(f64::NEG_INFINITY, f64::max);
-        let (sum, squares) = terms().fold((0.0, 0.0), |(sum, squares), term| {
-            let weight = (term - peak).exp();
-            (sum + weight, squares + weight * weight)
-        });
-        sum * sum / squares
-    };
-    // It rises as the observation is taken back, to that of the weights before it.
-    let (mut less, mut more) = (0.0, 1.0);
-    for _ in 0..20 {
-        let middle = 0.5 * (less + more);
-        if effective_sample_size(middle) < target { less = middle } else { more = middle }
-    }
-    more
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::particle::ParticleSet;
-    use agv_core::compute::Par;
     use nalgebra::Matrix3;
-
-    #[test]
-    fn taking_the_excess_back_leaves_the_effective_sample_size_that_was_asked_for() {
-        for (count, sharpness) in [(1000, 10.0), (1000, 1e3), (1000, 1e5), (60_000, 200.0)] {
-            let poses = (0..count).map(|i| Se2::new(f64::from(i), 0.0, 0.0)).collect();
-            let mut set = ParticleSet::new(poses).unwrap();
-            let slope = -sharpness / f64::from(count);
-            let mut log_likelihoods: Vec<f64> = (0..count).map(|i| slope * f64::from(i)).collect();
-            log_likelihoods[7] = f64::NEG_INFINITY;
-            let before = set.reweigh(&log_likelihoods, Par::Seq).unwrap().effective_sample_size / f64::from(count);
-            let back = excess(set.log_weights(), &log_likelihoods, 0.3);
-            log_likelihoods.iter_mut().for_each(|l| *l = if l.is_finite() { -back * *l } else { 0.0 });
-            let after = set.reweigh(&log_likelihoods, Par::Seq).unwrap().effective_sample_size / f64::from(count);
-            assert!(before < 0.25 && set.weights()[7] == 0.0);
-            assert!((after - 0.3).abs() < 0.01, "{sharpness}: {after}");
-        }
-    }
 
     #[test]
     fn the_kernel_is_a_shrunken_copy_and_is_cut() {
@@ -208,6 +169,7 @@ mod tests {
             ("collapse", TemperingParams { collapse: 1.1, ..good }),
             ("target", TemperingParams { target: f64::NAN, ..good }),
             ("degrees", TemperingParams { degrees: 0, ..good }),
+            ("widest", TemperingParams { widest: -1.0, ..good }),
             ("kernel_position", TemperingParams { kernel_position: -0.1, ..good }),
             ("kernel_rotation", TemperingParams { kernel_rotation: f64::INFINITY, ..good }),
         ] {

@@ -121,6 +121,13 @@ impl SensorModel<LaserScan> for LikelihoodFieldModel {
         Ok(ScanOnTable::new(&self.table, &self.ends, usable, self.params.form))
     }
 
+    fn independent_readings(&self) -> f64 {
+        match self.params.form {
+            ScanForm::Product { independent_beams } => independent_beams.min(self.params.max_beams as f64),
+            ScanForm::SumOfCubes => 1.0,
+        }
+    }
+
     /// Not with the sum of cubes: its terms do not tell distances.
     fn refine(&mut self, scan: &LaserScan, guess: &UncertainPose<Se2>) -> Option<Se2> {
         let ScanForm::Product { independent_beams } = self.params.form else { return None };
