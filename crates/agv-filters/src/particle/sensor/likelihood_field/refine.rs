@@ -127,10 +127,14 @@ mod tests {
         let layout = GridLayout::new(141, 101, 0.05, Se2::new(-3.525, -2.525, 0.0)).unwrap();
         let mut map = Grid::filled(layout, CellState::Free);
         for i in 0..141 {
-            [10, 90].into_iter().for_each(|y| _ = map.set(Cell::new(i, y), CellState::Occupied));
+            for y in [10, 90] {
+                map.set(Cell::new(i, y), CellState::Occupied);
+            }
         }
         for i in (10..=90).filter(|_| ends) {
-            [10, 130].into_iter().for_each(|x| _ = map.set(Cell::new(x, i), CellState::Occupied));
+            for x in [10, 130] {
+                map.set(Cell::new(x, i), CellState::Occupied);
+            }
         }
         let field = LikelihoodField::new(&map, LikelihoodFieldParams::default()).unwrap();
         LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default()).unwrap()
