@@ -5,6 +5,7 @@
 //! cargo run --release --example localize -- --global             # the same, switched on anywhere
 //! cargo run --release --example localize -- --starts 200         # switched on anywhere, at 200 places of the drive
 //! cargo run --release --example localize -- --map site.yaml --scans drive.csv.gz --reference poses.csv.gz
+//! cargo run --release --example localize -- --map site.yaml      # a simulated drive through any map
 //! ```
 //!
 //! The filter is the ready adaptive particle filter with its defaults, none of them made for a log. It starts at the first
@@ -27,6 +28,8 @@ mod judge;
 mod load;
 #[path = "localize/pictures.rs"]
 mod pictures;
+#[path = "localize/simulate.rs"]
+mod simulate;
 
 use agv_support::cli::{CommonArgs, Report};
 use clap::Parser;
@@ -36,9 +39,9 @@ use std::{path::PathBuf, process::ExitCode};
 #[derive(Parser)]
 struct Args {
     /// Map (map_server's YAML) [default: one made of the shipped mapping drive]
-    #[arg(long, requires = "scans")]
+    #[arg(long)]
     map: Option<PathBuf>,
-    /// Drive to localise: scans and raw odometry
+    /// Drive to localise: scans and raw odometry [default: the shipped one, in a map that is named a simulated one]
     #[arg(long, requires = "map")]
     scans: Option<PathBuf>,
     /// Reference poses of the drive, one per scan
@@ -56,8 +59,16 @@ struct Args {
     /// Let the odometry jump by 0.3 m and 9° once in so many scans
     #[arg(long, value_parser = clap::value_parser!(u32).range(1..))]
     jumps: Option<u32>,
+    /// Length of a simulated drive, in metres
+    #[arg(long, default_value_t = 150.0, value_parser = metres)]
+    travel: f64,
     #[command(flatten)]
     common: CommonArgs,
+}
+
+fn metres(text: &str) -> std::result::Result<f64, String> {
+    let value: f64 = text.parse().map_err(|_| "not a number")?;
+    if (1.0..=1e5).contains(&value) { Ok(value) } else { Err("1 to 100000 metres".into()) }
 }
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;

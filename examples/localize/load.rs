@@ -1,6 +1,6 @@
 //! The map and the drive, from files or as shipped.
 
-use super::{Args, Result};
+use super::{Args, Result, simulate};
 use agv_nav::{
     core::{
         grid::{EvidenceGrid, InverseModelParams, OccupancyThresholds},
@@ -49,6 +49,7 @@ pub(crate) fn read(args: &Args) -> Result<Drive> {
                 .map(planar)
                 .collect(),
         },
+        (Some(map), None) => simulate::drive(map::read(map)?, args.travel, args.common.seed().derive(8))?,
         _ => shipped()?,
     };
     let (scans, poses) = (drive.log.entries.len(), drive.reference.len());
