@@ -13,7 +13,7 @@ use agv_core::{
 };
 use agv_filters::particle::{
     DifferentialOdometryModel, FreeSpace, LikelihoodFieldModel, LikelihoodFieldModelParams, Mcl, MclParams,
-    OdometryNoise, ScanForm, TemperingParams, WeighParticles,
+    OdometryNoise, ScanForm, WeighParticles,
 };
 use nalgebra::{Matrix3, Vector3};
 use rand::RngExt;
@@ -134,23 +134,16 @@ fn tracks_the_shipped_drive() {
     }
 }
 
-/// Taking a scan in by degrees is what carries a filter of few particles over jumps of the odometry.
+/// The odometry of one row in a hundred is wrong by 0.3 m and 9°.
 #[test]
 fn survives_jumps_of_the_odometry() {
     let drive = shipped_drive();
-    let mean_of = |params: MclParams| {
-        let runs: Vec<Figures> =
-            (0..5).map(|seed| track(&drive, LikelihoodFieldModelParams::default(), params, Some(60), seed)).collect();
-        for run in &runs {
-            eprintln!("{run}");
-        }
-        let mean = |of: fn(&Figures) -> f64| runs.iter().map(of).sum::<f64>() / runs.len() as f64;
-        (mean(|f| f.position_rmse), mean(|f| f.position_max))
-    };
-    let tempered = MclParams { particles: 200, ..Default::default() };
-    let (rmse, max) = mean_of(tempered);
-    let (plain_rmse, _) = mean_of(MclParams { tempering: TemperingParams::never(), ..tempered });
-    assert!(rmse < 0.16 && max < 1.0 && rmse < plain_rmse, "{rmse} {max} {plain_rmse}");
+    let params = MclParams { particles: 500, ..Default::default() };
+    for seed in 0..5 {
+        let f = track(&drive, LikelihoodFieldModelParams::default(), params, Some(100), seed);
+        eprintln!("seed {seed}: {f}");
+        assert!(f.position_rmse < 0.16 && f.tracking > 0.95, "seed {seed}");
+    }
 }
 
 /// The share of explained beams tells right poses from wrong ones, which is what the status rests on.
