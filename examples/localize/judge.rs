@@ -37,7 +37,7 @@ pub(crate) fn report(drive: &Drive, run: &Run, report: &mut Report) -> Result<()
             .number("heading_rmse_deg", heading.rmse())
             .number("heading_mean_deg", heading.mean())
             .number("heading_max_deg", heading.max());
-        trajectory(drive, run, report)?;
+        trajectory(drive, run, report);
     }
     let particles = Statistics::new(run.updates.iter().map(|update| update.particles as f64).collect())?;
     report
@@ -65,7 +65,7 @@ pub(crate) fn report(drive: &Drive, run: &Run, report: &mut Report) -> Result<()
 }
 
 /// The usual errors of trajectories: moved onto the reference as a whole, and over each metre of the way.
-fn trajectory(drive: &Drive, run: &Run, report: &mut Report) -> Result<()> {
+fn trajectory(drive: &Drive, run: &Run, report: &mut Report) {
     let pairs: Vec<_> = run
         .updates
         .iter()
@@ -83,7 +83,6 @@ fn trajectory(drive: &Drive, run: &Run, report: &mut Report) -> Result<()> {
             .number("rpe_1m_rmse_m", relative.translation.rmse())
             .number("rpe_1m_rmse_deg", relative.rotation.rmse().to_degrees());
     }
-    Ok(())
 }
 
 /// How often the status turned to lost.
