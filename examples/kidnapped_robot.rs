@@ -121,7 +121,9 @@ fn row(kind: Kind, outcomes: &[Outcome], tracked: &[(f64, f64)]) -> Report {
         (tracked.iter().map(|t| of(t).powi(2)).sum::<f64>() / tracked.len() as f64).sqrt()
     };
     let mut timings = Timings::default();
-    outcomes.iter().for_each(|outcome| timings.append(outcome.timings.clone()));
+    for outcome in &outcomes {
+        timings.append(outcome.timings.clone());
+    }
     let counts: Vec<usize> = outcomes.iter().flat_map(|outcome| outcome.counts.iter().copied()).collect();
     let mut report = Report::new(kind.name());
     report
@@ -130,9 +132,9 @@ fn row(kind: Kind, outcomes: &[Outcome], tracked: &[(f64, f64)]) -> Report {
         .count("not_found", outcomes.iter().filter(|o| o.recovery.is_none()).count())
         .number("recovery_s_p50", percentile(&recoveries, 50.0))
         .number("recovery_s_p90", percentile(&recoveries, 90.0))
-        .number("recovery_s_mean", recoveries.as_ref().map_or(f64::NAN, |s| s.mean()))
+        .number("recovery_s_mean", recoveries.as_ref().map_or(f64::NAN, Statistics::mean))
         .number("recovery_s_max", percentile(&recoveries, 100.0))
-        .number("stop_error_m_mean", stops.as_ref().map_or(f64::NAN, |s| s.mean()))
+        .number("stop_error_m_mean", stops.as_ref().map_or(f64::NAN, Statistics::mean))
         .number("stop_error_m_p50", percentile(&stops, 50.0))
         .number("tracking_rmse_m", rms(&|t| t.0))
         .number("tracking_heading_rmse_deg", rms(&|t| t.1).to_degrees())
@@ -152,7 +154,7 @@ fn add_ratios(report: &mut Report, site: &str, outcomes: &[Vec<Outcome>]) {
     };
     let stop = |kind: Kind| {
         let errors = of(kind).iter().flat_map(|outcome| outcome.stop_errors.iter().copied()).collect();
-        Statistics::new(errors).map_or(f64::NAN, |s| s.mean())
+        Statistics::new(errors).map_or(f64::NAN, Statistics::mean)
     };
     let less = |with: f64, without: f64| 100.0 * (1.0 - with / without);
     for (name, kind) in [("codes", Kind::Codes), ("amcl", Kind::Search), ("amcl_codes", Kind::SearchAndCodes)] {

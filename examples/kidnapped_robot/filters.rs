@@ -12,7 +12,8 @@ use agv_nav::{
     filters::particle::{
         Amcl, AmclParams, DifferentialOdometryModel, EffectiveSampleSizeBelow, KldParams, KldSampling,
         LikelihoodFieldModel, LikelihoodFieldModelParams, Mcl, MclParams, MotionThreshold, ObservedPose, OdometryNoise,
-        PoseProposal, ProposalContext, RecoveryParams, SampleSize, Systematic, UniformProposal, WeighParticles,
+        PoseProposal, ProposalContext, RecoveryParams, SampleSize, Systematic, TemperingParams, UniformProposal,
+        WeighParticles,
     },
     nalgebra::{Matrix3, Vector3},
     prelude::*,
@@ -68,8 +69,13 @@ impl Kind {
             Self::Kld => Box::new(Plain(mcl(1500)?.with_parallelism(par).with_sample_size(KldSampling::new(kld)?)?)),
             Self::Augmented | Self::Codes => {
                 let recovery = RecoveryParams::augmented(0.001, 0.1);
-                let params =
-                    AmclParams { particles: 1500, kld, recovery, least_effective: 0.0, ..AmclParams::default() };
+                let params = AmclParams {
+                    particles: 1500,
+                    kld,
+                    recovery,
+                    tempering: TemperingParams::never(),
+                    ..AmclParams::default()
+                };
                 let amcl = Amcl::new(motion, sensors, space, params, seed)?.with_parallelism(par);
                 // Uniform for scans; a code is drawn from all the same.
                 Box::new(Adaptive { amcl: amcl.with_proposal(Anywhere), with_codes })

@@ -13,7 +13,7 @@ use agv_core::{
 use agv_filters::particle::{
     Amcl, AmclParams, DifferentialOdometryModel, FreeSpace, KldParams, LikelihoodFieldModel,
     LikelihoodFieldModelParams, ObservedPose, OdometryNoise, PoseProposal, ProposalContext, RecoveryParams,
-    UniformProposal, WeighParticles,
+    TemperingParams, UniformProposal, WeighParticles,
 };
 use nalgebra::{Matrix3, Vector3};
 
@@ -282,8 +282,8 @@ fn bad_input_is_refused_and_changes_nothing() {
     for bad in [
         AmclParams { particles: 0, ..good },
         AmclParams { particles: 6000, ..good },
-        AmclParams { least_effective: 1.0, ..good },
-        AmclParams { least_effective: f64::NAN, ..good },
+        AmclParams { tempering: TemperingParams { target: 1.5, ..good.tempering }, ..good },
+        AmclParams { tempering: TemperingParams { collapse: f64::NAN, ..good.tempering }, ..good },
         AmclParams { kld: KldParams { min_particles: 0, ..good.kld }, ..good },
         AmclParams { recovery: RecoveryParams { max_share: 2.0, ..good.recovery }, ..good },
     ] {

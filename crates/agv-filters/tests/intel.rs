@@ -6,7 +6,7 @@ mod support;
 
 use agv_core::{
     compute::Seed,
-    geometry::angle_difference,
+    geometry::{Se2, angle_difference},
     grid::{LikelihoodField, LikelihoodFieldParams},
     odometry::OdometryIncrement,
     roles::{Correct, LocalizationStatus, Localizer, PoseBelief, StatusParams, UpdateOutcome},
@@ -16,7 +16,8 @@ use agv_filters::particle::{
     OdometryNoise, ScanForm, WeighParticles,
 };
 use nalgebra::{Matrix3, Vector3};
-use std::fmt;
+use rand::RngExt;
+use std::{f64::consts::TAU, fmt};
 use support::{Drive, shared_drive, shipped_drive};
 
 struct Figures {
@@ -39,11 +40,18 @@ impl fmt::Display for Figures {
     }
 }
 
-fn track(drive: &Drive, sensor: LikelihoodFieldModelParams, particles: usize, seed: u64) -> Figures {
+/// Follows the drive; of the odometry's steps, one in `jumps` is wrong by 0.3 m in any direction and by 9° to either side.
+fn track(
+    drive: &Drive,
+    sensor: LikelihoodFieldModelParams,
+    params: MclParams,
+    jumps: Option<u32>,
+    seed: u64,
+) -> Figures {
     let field = LikelihoodField::new(&drive.map, LikelihoodFieldParams::default()).unwrap();
     let sensor = LikelihoodFieldModel::new(&field, sensor).unwrap();
     let motion = DifferentialOdometryModel::new(OdometryNoise::default()).unwrap();
-    let params = MclParams { particles, ..Default::default() };
+    let mut stream = Seed(seed).derive(99).stream(0, 0);
     let mut mcl = Mcl::new(motion, sensor, FreeSpace::new(&drive.map, 0.2).unwrap(), params, Seed(seed)).unwrap();
     let sigma = Vector3::new(0.5, 0.5, 15_f64.to_radians());
     let covariance = Matrix3::from_diagonal(&sigma.component_mul(&sigma));
@@ -53,7 +61,13 @@ fn track(drive: &Drive, sensor: LikelihoodFieldModelParams, particles: usize, se
     let (mut explained, mut tracking, mut last) = (Vec::new(), 0, &drive.entries[0]);
     for (entry, reference) in drive.entries.iter().zip(&drive.reference) {
         let (start, end) = (last.scan.stamp(), entry.scan.stamp());
-        let motion = OdometryIncrement::between(start, &last.odom_from_base, end, &entry.odom_from_base).unwrap();
+        let mut moved = entry.odom_from_base;
+        if jumps.is_some_and(|every| stream.random_range(0..every) == 0) {
+            let (sin, cos) = stream.random_range(0.0..TAU).sin_cos();
+            let turn = if stream.random::<bool>() { 9_f64 } else { -9.0 };
+            moved = moved * Se2::new(0.3 * cos, 0.3 * sin, turn.to_radians());
+        }
+        let motion = OdometryIncrement::between(start, &last.odom_from_base, end, &moved).unwrap();
         mcl.predict(&motion).unwrap();
         last = entry;
         let reference = reference.pose;
@@ -85,18 +99,24 @@ fn tracks_the_intel_log() {
         eprintln!("skipped: the Intel log is not beside the repository");
         return;
     };
-    let default = LikelihoodFieldModelParams::default();
-    let all_beams = ScanForm::Product { independent_beams: 60.0 };
-    for (name, sensor, position_bound, heading_bound) in [
-        ("default", default, 0.08, 1.6),
-        ("180 beams", LikelihoodFieldModelParams { max_beams: 180, ..default }, 0.08, 1.6),
-        ("60 independent beams", LikelihoodFieldModelParams { form: all_beams, ..default }, 0.08, 1.6),
-        ("sum of cubes", LikelihoodFieldModelParams { form: ScanForm::SumOfCubes, ..default }, 0.16, 3.5),
+    let sensor = LikelihoodFieldModelParams::default();
+    let dense = LikelihoodFieldModelParams { max_beams: 180, ..sensor };
+    let blunt = LikelihoodFieldModelParams { form: ScanForm::SumOfCubes, ..sensor };
+    let default = MclParams { particles: 500, ..Default::default() };
+    let plain = MclParams { refine: false, ..default };
+    // Bounds of the position's root mean square and largest error and of the heading's: a fifth above what is measured.
+    for (name, sensor, params, jumps, [rmse, max, heading]) in [
+        ("default", sensor, default, None, [0.04, 0.4, 1.3]),
+        ("200 particles", sensor, MclParams { particles: 200, ..default }, None, [0.042, 0.45, 1.3]),
+        ("180 beams", dense, default, None, [0.04, 0.4, 1.3]),
+        ("mean of the particles", sensor, plain, None, [0.045, 0.4, 1.35]),
+        ("jumps of the odometry", sensor, default, Some(100), [0.045, 0.9, 1.6]),
+        ("sum of cubes", blunt, default, None, [0.16, 1.0, 3.5]),
     ] {
-        for seed in 0..3 {
-            let f = track(&drive, sensor, 500, seed);
+        for seed in 1..3 {
+            let f = track(&drive, sensor, params, jumps, seed);
             eprintln!("{name}, seed {seed}: {f}");
-            assert!(f.position_rmse < position_bound && f.heading_rmse < heading_bound, "{name}, seed {seed}");
+            assert!(f.position_rmse < rmse && f.position_max < max && f.heading_rmse < heading, "{name}, seed {seed}");
             // What takes time is to narrow down the start; the blunt form does not get there in some places.
             assert!(f.tracking > 0.95, "{name}, seed {seed}");
         }
@@ -106,10 +126,23 @@ fn tracks_the_intel_log() {
 #[test]
 fn tracks_the_shipped_drive() {
     let drive = shipped_drive();
-    for seed in 0..5 {
-        let f = track(&drive, LikelihoodFieldModelParams::default(), 2000, seed);
+    for seed in 0..3 {
+        let params = MclParams { particles: 500, ..Default::default() };
+        let f = track(&drive, LikelihoodFieldModelParams::default(), params, None, seed);
         eprintln!("seed {seed}: {f}");
-        assert!(f.position_rmse < 0.12 && f.position_max < 0.5 && f.heading_rmse < 2.0, "seed {seed}");
+        assert!(f.position_rmse < 0.12 && f.position_max < 0.5 && f.heading_rmse < 1.5, "seed {seed}");
+    }
+}
+
+/// The odometry of one row in a hundred is wrong by 0.3 m and 9°.
+#[test]
+fn survives_jumps_of_the_odometry() {
+    let drive = shipped_drive();
+    let params = MclParams { particles: 500, ..Default::default() };
+    for seed in 0..5 {
+        let f = track(&drive, LikelihoodFieldModelParams::default(), params, Some(100), seed);
+        eprintln!("seed {seed}: {f}");
+        assert!(f.position_rmse < 0.16 && f.tracking > 0.95, "seed {seed}");
     }
 }
 

@@ -100,10 +100,11 @@ pub struct KldParams {
 }
 
 impl Default for KldParams {
-    /// At least 500 particles, as `nav2_amcl`; at most 20 000, which a global start in a hall of some hundred square metres
+    /// At least 400 particles (500 are `nav2_amcl`'s; a tracker has needed fewer since its estimate is brought to the peak of the
+    /// scan); at most 20 000, which a global start in a hall of some hundred square metres
     /// needs, while the bound itself keeps a tracked pose at the lower end.
     fn default() -> Self {
-        Self { min_particles: 500, max_particles: 20_000, bound: KldBound::default(), bins: PoseBins::default() }
+        Self { min_particles: 400, max_particles: 20_000, bound: KldBound::default(), bins: PoseBins::default() }
     }
 }
 

@@ -44,7 +44,7 @@ pub use histogram::{PoseBins, PoseHistogram};
 pub use kld::{KldBound, KldParams, KldQuantile, KldSampling};
 #[cfg(feature = "serde")]
 pub use mcl::MclCheckpoint;
-pub use mcl::{Mcl, MclDiagnostics, MclParams};
+pub use mcl::{Mcl, MclDiagnostics, MclParams, TemperingParams};
 pub use motion::{
     AckermannOdometryModel, AckermannOdometryParams, DifferentialOdometryModel, MotionModel, OdometryNoise,
     OmnidirectionalNoise, OmnidirectionalOdometryModel, PriorMotionModel, PriorNoise, VelocityModel, VelocityNoise,

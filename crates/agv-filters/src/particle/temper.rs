@@ -15,7 +15,7 @@ const STEPS: usize = 12;
 impl ParticleSet {
     /// Takes back so much of an observation that was just taken in by [`reweigh`](Self::reweigh) with these log-likelihoods
     /// that `least` particles are effective; the log-likelihoods are overwritten. The logarithm of the evidence stays that of the
-    /// whole observation.
+    /// whole observation. Returns the power that is left as well.
     ///
     /// Nothing changes if as many are effective already. O(particles) for each of twelve steps.
     pub(super) fn temper(
@@ -24,9 +24,9 @@ impl ParticleSet {
         summary: WeightSummary,
         least: f64,
         par: Par,
-    ) -> WeightSummary {
+    ) -> (WeightSummary, f64) {
         if summary.effective_sample_size >= least {
-            return summary;
+            return (summary, 1.0);
         }
         let (mut low, mut high) = (0.0, 1.0);
         for _ in 0..STEPS {
@@ -38,7 +38,9 @@ impl ParticleSet {
             *value = if value.is_finite() { (low - 1.0) * *value } else { 0.0 };
         }
         let tempered = self.reweigh(log_likelihoods, par);
-        tempered.map_or(summary, |tempered| WeightSummary { log_evidence: summary.log_evidence, ..tempered })
+        let tempered =
+            tempered.map_or(summary, |tempered| WeightSummary { log_evidence: summary.log_evidence, ..tempered });
+        (tempered, low)
     }
 
     /// Effective number of particles if the observation, which the weights hold, counted with this power.
@@ -82,14 +84,14 @@ mod tests {
             let (mut set, mut values) = (set(logs.len()), logs.clone());
             let summary = set.reweigh(&values, Par::Seq).unwrap();
             let least = share * logs.len() as f64;
-            let tempered = set.temper(&mut values, summary, least, Par::Seq);
+            let (tempered, power) = set.temper(&mut values, summary, least, Par::Seq);
             prop_assert_eq!(tempered.log_evidence, summary.log_evidence);
             prop_assert!(tempered.effective_sample_size >= least * 0.999);
             if summary.effective_sample_size < least {
                 // The next power of the bisection would have been too much.
                 prop_assert!(tempered.effective_sample_size < 1.35 * least + 1.0, "{} {least}", tempered.effective_sample_size);
                 let slope = (set.log_weights()[1] - set.log_weights()[0]) / (logs[1] - logs[0]);
-                prop_assert!((0.0..1.0).contains(&slope));
+                prop_assert!((0.0..1.0).contains(&slope) && (slope - power).abs() < 1e-6);
                 for i in 1..logs.len() {
                     let other = (set.log_weights()[i] - set.log_weights()[0]) - slope * (logs[i] - logs[0]);
                     prop_assert!(other.abs() < 1e-6);
@@ -102,12 +104,12 @@ mod tests {
     fn what_is_impossible_stays_so() {
         let (mut set, mut values) = (set(4), [0.0, -50.0, f64::NEG_INFINITY, -50.0]);
         let summary = set.reweigh(&values, Par::Seq).unwrap();
-        let tempered = set.temper(&mut values, summary, 2.5, Par::Seq);
+        let (tempered, _) = set.temper(&mut values, summary, 2.5, Par::Seq);
         assert!(tempered.effective_sample_size >= 2.5 && set.weights()[2] == 0.0, "{:?}", set.weights());
         // More than are possible cannot be had: nothing of the observation is left but that.
         let (mut set, mut values) = (self::set(4), [0.0, -50.0, f64::NEG_INFINITY, -50.0]);
         let summary = set.reweigh(&values, Par::Seq).unwrap();
-        let tempered = set.temper(&mut values, summary, 4.0, Par::Seq);
+        let (tempered, _) = set.temper(&mut values, summary, 4.0, Par::Seq);
         assert!((tempered.effective_sample_size - 3.0).abs() < 1e-9 && set.weights()[2] == 0.0);
     }
 }

@@ -229,6 +229,26 @@ mod tests {
             }
         }
 
+        /// Stretches without an obstacle in reach between clusters: what is nearest there is arbitrary, but must not mislead the
+        /// cells beside.
+        #[test]
+        fn a_limit_holds_in_long_sparse_rows(
+            clusters in prop::collection::vec((0_usize..500, 0_usize..60, 1_usize..60, 1_usize..7), 1..12),
+            max in 0.05..1.0_f64,
+        ) {
+            let mut map = map_of(500, 60, &[CellState::Free]);
+            for (start, row, count, step) in clusters {
+                for i in 0..count {
+                    map.set(Cell::new((start + i * step) as i32, ((row + 5 * i) % 60) as i32), CellState::Occupied);
+                }
+            }
+            let mut limited = DistanceTransform::new(DistanceParams { max_distance: Some(max), ..Default::default() }).unwrap();
+            let field = limited.compute(&map).unwrap();
+            for (&cut, &full) in field.values().iter().zip(distance_field(&map).unwrap().values()) {
+                prop_assert_eq!(cut, full.min(max as f32));
+            }
+        }
+
         #[test]
         fn threads_and_used_memory_change_nothing(map in any_map(), earlier in any_map()) {
             let mut used = DistanceTransform::default().with_parallelism(Par::threads(3));

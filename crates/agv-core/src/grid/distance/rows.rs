@@ -179,9 +179,10 @@ impl Scratch {
     fn search(&self, point: usize, low: i32, high: i32) -> i32 {
         let width = self.values.len();
         let x = (point * BLOCK).min(width - 1);
-        // The column's own obstacle is `g` away, so no better one is farther off.
+        // The column's own obstacle is `g` away, so no better one is farther off. Beyond the reach it is none of the candidates,
+        // and there may be none as near: any is as good then, but one beyond its neighbours would leave cells between them none.
         let g = self.values[x] as usize;
-        let low = low.max(self.before[x.saturating_sub(g)]);
+        let low = low.max(self.before[x.saturating_sub(g)]).min(high);
         let high = high.min(self.before[(x + g + 1).min(width)] - 1).max(low);
         let x = x as i32;
         let mut best = [i32::MAX; LANES];

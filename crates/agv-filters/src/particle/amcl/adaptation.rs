@@ -20,7 +20,6 @@ pub(super) struct Adaptation<G> {
     pub(super) clusters: Clusters,
     pub(super) hysteresis: Hysteresis,
     pub(super) bins: PoseBins,
-    pub(super) least_effective: f64,
     /// The hypotheses at the last update, by falling weight.
     pub(super) hypotheses: Vec<Hypothesis>,
     /// Room for proposed poses.
@@ -66,10 +65,6 @@ where
             Some(best) => among(best, &self.hypotheses),
             None => Ok(moments),
         }
-    }
-
-    fn least_effective(&self) -> f64 {
-        self.least_effective
     }
 
     fn fresh_share(&mut self, observation: &Z, seen: &Seen<'_>) -> f64 {

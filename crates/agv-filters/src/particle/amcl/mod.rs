@@ -106,7 +106,6 @@ impl<M, S> Amcl<M, S> {
             clusters: Clusters::new(params.kld.bins)?.with_capacity(most),
             hysteresis: params.hysteresis,
             bins: params.kld.bins,
-            least_effective: params.least_effective,
             hypotheses: Vec::with_capacity(most),
             fresh: Vec::with_capacity(most),
         };
@@ -125,9 +124,8 @@ impl<M, S, G, R, P, U> Amcl<M, S, G, R, P, U> {
     /// The same filter with another source of new particles.
     #[must_use]
     pub fn with_proposal<G2>(self, proposal: G2) -> Amcl<M, S, G2, R, P, U> {
-        let Adaptation { doubts, clusters, hysteresis, bins, least_effective, hypotheses, fresh, .. } = self.adaptation;
-        let adaptation =
-            Adaptation { proposal, doubts, clusters, hysteresis, bins, least_effective, hypotheses, fresh };
+        let Adaptation { doubts, clusters, hysteresis, bins, hypotheses, fresh, .. } = self.adaptation;
+        let adaptation = Adaptation { proposal, doubts, clusters, hysteresis, bins, hypotheses, fresh };
         Amcl { mcl: self.mcl, adaptation, around: self.around }
     }
 

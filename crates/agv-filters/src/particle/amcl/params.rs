@@ -2,6 +2,7 @@
 
 use crate::particle::{
     EffectiveSampleSizeBelow, Hysteresis, KldParams, MclParams, MotionThreshold, ParticleSet, RecoveryParams,
+    TemperingParams,
 };
 use agv_core::{Error, check, roles::StatusParams};
 
@@ -20,28 +21,30 @@ pub struct AmclParams {
     pub kld: KldParams,
     /// When, and how many of them, are drawn elsewhere.
     pub recovery: RecoveryParams,
-    /// Share of the particles that an observation must leave effective, in [0, 1): of one that leaves fewer only so much is
-    /// taken in; zero takes in all.
-    pub least_effective: f64,
     /// Which hypothesis is the estimate.
     pub hysteresis: Hysteresis,
+    /// When an observation is taken in by degrees.
+    pub tempering: TemperingParams,
+    /// Whether the estimate is brought from the particles' mean to the peak of the observation's likelihood, where the belief is
+    /// narrow and the sensor can tell.
+    pub refine: bool,
     /// When the estimate counts as tracking, and when as lost.
     pub status: StatusParams,
 }
 
 impl Default for AmclParams {
-    /// The defaults of the parts; 2000 particles around a start, as [`MclParams`]. An observation may leave one particle in
-    /// twenty: a tracker is not slowed down by that, and a global start needs some five observations.
+    /// The defaults of the parts; 2000 particles around a start, as [`MclParams`].
     fn default() -> Self {
-        let MclParams { particles, update, resample, status } = MclParams::default();
+        let MclParams { particles, update, resample, tempering, refine, status } = MclParams::default();
         Self {
             particles,
             update,
             resample,
             kld: KldParams::default(),
             recovery: RecoveryParams::default(),
-            least_effective: 0.05,
             hysteresis: Hysteresis::default(),
+            tempering,
+            refine,
             status,
         }
     }
@@ -58,13 +61,12 @@ impl AmclParams {
         ParticleSet::check_count(self.particles)?;
         check::in_range("particles", self.particles as f64, 1.0, self.kld.max_particles as f64)?;
         self.recovery.validate()?;
-        check::in_range("least_effective", self.least_effective, 0.0, 0.99)?;
         self.hysteresis.validate()
     }
 
     /// Those of the filter inside.
     pub(super) const fn mcl(&self) -> MclParams {
-        let Self { particles, update, resample, status, .. } = *self;
-        MclParams { particles, update, resample, status }
+        let Self { particles, update, resample, tempering, refine, status, .. } = *self;
+        MclParams { particles, update, resample, tempering, refine, status }
     }
 }

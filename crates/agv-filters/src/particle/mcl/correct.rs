@@ -13,9 +13,10 @@ use agv_core::{
     Error,
     geometry::{LieGroup, Se2, UncertainPose},
     odometry::OdometryIncrement,
-    roles::{LocalizationError, SkipReason, UpdateOutcome, UpdateReport},
+    roles::{LocalizationError, SkipReason, StatusParams, UpdateOutcome, UpdateReport},
     sensors::Observation,
 };
+use nalgebra::Matrix3;
 
 /// What an adaptive filter does differently.
 pub(in crate::particle) trait Adapt<Z: ?Sized, S: ?Sized> {
@@ -26,11 +27,6 @@ pub(in crate::particle) trait Adapt<Z: ?Sized, S: ?Sized> {
         moments: UncertainPose<Se2>,
         expected: &UncertainPose<Se2>,
     ) -> Result<UncertainPose<Se2>, Error>;
-
-    /// The share of the particles that an observation must leave effective.
-    fn least_effective(&self) -> f64 {
-        0.0
-    }
 
     /// The share of the next set that is to be drawn elsewhere.
     fn fresh_share(&mut self, observation: &Z, seen: &Seen<'_>) -> f64;
@@ -94,13 +90,16 @@ where
         if context.is_some_and(|context| !self.rules.update.is_due(&context)) {
             return Ok(UpdateOutcome::Skipped(SkipReason::LittleMotion));
         }
-        let weighed = self.move_and_weigh(observation, adapt.least_effective());
+        let weighed = self.move_and_weigh(observation);
         let (outcome, pose) = match weighed {
             Err(reason) => (UpdateOutcome::Skipped(reason), known.pose),
             Ok(weights) => {
+                let (weights, degrees) = self.temper(observation, weights, &known.pose)?;
+                self.belief.diagnostics.degrees = degrees;
                 // Before resampling, which adds variance and no knowledge.
                 let moments = self.belief.particles.estimate(self.par)?;
                 let moments = adapt.estimate(&self.belief.particles, moments, &known.pose)?;
+                let moments = self.refined(observation, moments, known.pose.covariance())?;
                 let explained = self.sensor.explained(observation, moments.mean());
                 let stamp = known.stamp.or_else(|| observation.stamp());
                 self.belief.known = Some(Known { moments, pose: moments, stamp });
@@ -129,7 +128,7 @@ where
 
     /// Moves the particles by a draw of the pending motion and weighs them there; they stay where they were, with their
     /// weights, if the observation weighs nothing.
-    fn move_and_weigh<Z: ?Sized>(&mut self, observation: &Z, least_effective: f64) -> Result<WeightSummary, SkipReason>
+    fn move_and_weigh<Z: ?Sized>(&mut self, observation: &Z) -> Result<WeightSummary, SkipReason>
     where
         S: WeighParticles<Z>,
     {
@@ -149,8 +148,31 @@ where
             particles.adopt();
             *step += 1;
         }
-        let least = least_effective * particles.len() as f64;
-        Ok(particles.temper(log_likelihoods, weights, least, self.par))
+        Ok(weights)
+    }
+
+    /// The estimate at the peak of the observation's likelihood; what was `known` before keeps it there where the observation says
+    /// nothing. The covariance stays that of the particles.
+    fn refined<Z: ?Sized>(
+        &mut self,
+        observation: &Z,
+        moments: UncertainPose<Se2>,
+        known: &Matrix3<f64>,
+    ) -> Result<UncertainPose<Se2>, Error>
+    where
+        S: WeighParticles<Z>,
+    {
+        let StatusParams { narrow_position, narrow_rotation, .. } = *self.belief.monitor.params();
+        let is_narrow =
+            moments.position_deviation() < narrow_position && moments.rotation_deviation() < narrow_rotation;
+        if !(self.refine && is_narrow) {
+            return Ok(moments);
+        }
+        let guess = UncertainPose::new(*moments.mean(), *known)?;
+        match self.sensor.refine(observation, &guess) {
+            Some(mean) => UncertainPose::new(mean, *moments.covariance()),
+            None => Ok(moments),
+        }
     }
 
     /// Draws a new set if the policy asks for it, or if a share of it is to be drawn elsewhere; returns whether that was most
@@ -191,7 +213,8 @@ where
             *step += 1;
             *drawn = LastDrawn { updates: 0, odom_from_base: *odom_from_base };
         }
-        *diagnostics = MclDiagnostics { weights, resampled, updates: diagnostics.updates + 1, fresh };
+        let degrees = diagnostics.degrees;
+        *diagnostics = MclDiagnostics { weights, resampled, degrees, updates: diagnostics.updates + 1, fresh };
         2 * fresh > particles.len()
     }
 }

@@ -1,6 +1,6 @@
 //! The filter and its parts.
 
-use super::{MclDiagnostics, MclParams, belief::Belief};
+use super::{MclDiagnostics, MclParams, TemperingParams, belief::Belief};
 use crate::particle::{
     EffectiveSampleSizeBelow, FreeSpace, MotionThreshold, ParticleSet, SameSize, SampleSize, Systematic,
 };
@@ -22,6 +22,7 @@ use agv_core::{
 ///   first one of a sensor after an initialisation always counts). If so, every particle moves by a draw of the motion
 ///   model `M` for all that was gathered, is weighed, mean and covariance are taken, and the set is resampled if the policy
 ///   asks for it. The motion is drawn once per applied update, so the noise does not depend on the rate of the scans.
+///   An observation that would leave next to no particle alive is taken in by degrees ([`TemperingParams`]).
 ///   An observation counts as taken at the end of the last motion, whatever its stamp: predict up to it first.
 /// - *estimate* is the mean at the last update, carried on by the odometry since, its covariance grown by the motion model.
 /// - *status* follows from the spread of the estimate and the share of the beams that it explains
@@ -68,6 +69,8 @@ pub struct Mcl<M, S, R = Systematic, P = EffectiveSampleSizeBelow, U = MotionThr
     pub(super) sensor: S,
     pub(super) rules: Rules<R, P, U, N>,
     pub(super) free_space: FreeSpace,
+    pub(super) tempering: TemperingParams,
+    pub(super) refine: bool,
     pub(in crate::particle) par: Par,
     pub(super) seed: Seed,
     pub(super) belief: Belief,
@@ -92,6 +95,8 @@ pub(super) enum Draw {
     Resampling = 2,
     SampleSize = 3,
     Proposal = 4,
+    Tempering = 5,
+    TemperingKernel = 6,
 }
 
 impl<M, S> Mcl<M, S> {
@@ -110,6 +115,8 @@ impl<M, S> Mcl<M, S> {
             sensor,
             rules: Rules { resampler: Systematic, resample: params.resample, update: params.update, size: SameSize },
             free_space,
+            tempering: params.tempering,
+            refine: params.refine,
             par: Par::Seq,
             seed,
             belief: Belief::none(particles, StatusMonitor::new(params.status)?),
@@ -155,8 +162,8 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
         self,
         change: impl FnOnce(Rules<R, P, U, N>) -> Rules<R2, P2, U2, N2>,
     ) -> Mcl<M, S, R2, P2, U2, N2> {
-        let Self { motion, sensor, rules, free_space, par, seed, belief, log_likelihoods } = self;
-        Mcl { motion, sensor, rules: change(rules), free_space, par, seed, belief, log_likelihoods }
+        let Self { motion, sensor, rules, free_space, tempering, refine, par, seed, belief, log_likelihoods } = self;
+        Mcl { motion, sensor, rules: change(rules), free_space, tempering, refine, par, seed, belief, log_likelihoods }
     }
 
     /// The weighted poses at the last update; the odometry since moves the estimate, not them.

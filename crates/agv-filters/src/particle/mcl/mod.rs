@@ -8,9 +8,11 @@ mod filter;
 mod params;
 mod role;
 mod streams;
+mod temper;
 
 #[cfg(feature = "serde")]
 pub use checkpoint::MclCheckpoint;
 pub(super) use correct::{Adapt, Seen};
 pub use filter::Mcl;
 pub use params::{MclDiagnostics, MclParams};
+pub use temper::TemperingParams;

@@ -1,5 +1,6 @@
 //! What is set once, and what is reported of each update.
 
+use super::temper::TemperingParams;
 use crate::particle::{EffectiveSampleSizeBelow, MotionThreshold, ParticleSet, WeightSummary};
 use agv_core::{Error, roles::StatusParams};
 
@@ -13,6 +14,11 @@ pub struct MclParams {
     pub update: MotionThreshold,
     /// When a new set is drawn.
     pub resample: EffectiveSampleSizeBelow,
+    /// When an observation is taken in by degrees.
+    pub tempering: TemperingParams,
+    /// Whether the estimate is brought from the particles' mean to the peak of the observation's likelihood, where the belief is
+    /// narrow and the sensor can tell.
+    pub refine: bool,
     /// When the estimate counts as tracking, and when as lost.
     pub status: StatusParams,
 }
@@ -25,6 +31,8 @@ impl Default for MclParams {
             particles: 2000,
             update: MotionThreshold::default(),
             resample: EffectiveSampleSizeBelow::default(),
+            tempering: TemperingParams::default(),
+            refine: true,
             status: StatusParams::default(),
         }
     }
@@ -39,6 +47,7 @@ impl MclParams {
         ParticleSet::check_count(self.particles)?;
         self.update.validate()?;
         self.resample.validate()?;
+        self.tempering.validate()?;
         self.status.validate()
     }
 }
@@ -51,6 +60,9 @@ pub struct MclDiagnostics {
     pub weights: WeightSummary,
     /// Whether the set was resampled then.
     pub resampled: bool,
+    /// In how many degrees the last observation was taken in; one unless the weights collapsed.
+    #[cfg_attr(feature = "serde", serde(default))]
+    pub degrees: usize,
     /// Updates applied since the belief was initialised.
     pub updates: u64,
     /// Particles that were drawn elsewhere than around the old ones then.
@@ -61,6 +73,6 @@ pub struct MclDiagnostics {
 impl MclDiagnostics {
     /// Those of `count` particles that were just drawn.
     pub(super) fn fresh(count: usize) -> Self {
-        Self { weights: WeightSummary::uniform(count), resampled: false, updates: 0, fresh: 0 }
+        Self { weights: WeightSummary::uniform(count), resampled: false, degrees: 0, updates: 0, fresh: 0 }
     }
 }

@@ -1,4 +1,4 @@
-//! Draws of a turn, a straight run and a turn, for one particle or many.
+//! Draws of a turn, a straight run with a drift to its side, and a turn, for one particle or many.
 //!
 //! The mean turns are composed as they are; only the noise, a small angle, needs a sine. For many particles the noise is
 //! drawn first, in the order of the particles, and the rest is arithmetic that the compiler vectorises for the machine that it
@@ -14,7 +14,7 @@ use agv_core::{
     compute::Stream,
     geometry::{LieGroup, Se2, So2},
 };
-use nalgebra::{UnitComplex, Vector2, Vector3};
+use nalgebra::{UnitComplex, Vector2, Vector4};
 use pulp::{Arch, Simd, WithSimd};
 use rand_distr::{Distribution, StandardNormal};
 
@@ -29,8 +29,8 @@ pub(super) struct Sampler {
     /// The mean run, and the drift to its left.
     run: f64,
     drift: f64,
-    /// Standard deviations of the first turn, the run and the last turn.
-    sigma: Vector3<f64>,
+    /// Standard deviations of the first turn, the run, the last turn and the drift.
+    sigma: Vector4<f64>,
 }
 
 impl Sampler {
@@ -39,30 +39,29 @@ impl Sampler {
         Self { first, last, run: parts.translation, drift, sigma }
     }
 
-    /// Noise of the first turn, the run and the last turn.
+    /// Noise of each part.
     #[inline]
-    pub(super) fn draw(&self, stream: &mut Stream) -> [f64; 3] {
-        let noise: [f64; 3] = std::array::from_fn(|_| StandardNormal.sample(stream));
-        [self.sigma.x * noise[0], self.sigma.y * noise[1], self.sigma.z * noise[2]]
+    pub(super) fn draw(&self, stream: &mut Stream) -> Noise {
+        let noise: [f64; 4] = std::array::from_fn(|_| StandardNormal.sample(stream));
+        let part = |k: usize| self.sigma[k] * noise[k];
+        Noise { first: part(0), run: part(1), last: part(2), drift: part(3) }
     }
 
     /// Where the motion ends, given the noise of its parts.
     #[inline(always)]
-    pub(super) fn moved(&self, pose: &Se2, run: f64, first: &So2, last: &So2) -> Se2 {
+    pub(super) fn moved(&self, pose: &Se2, noise: &Noise, first: &So2, last: &So2) -> Se2 {
         let heading = pose.rotation().compose(&self.first).compose(first);
-        let travel = heading.act(&Vector2::new(self.run + run, self.drift));
+        let travel = heading.act(&Vector2::new(self.run + noise.run, self.drift + noise.drift));
         Se2::from_parts(pose.translation() + travel, heading.compose(&self.last).compose(last))
     }
 
     /// Moves many particles.
     pub(super) fn propagate(&self, poses: &[Se2], moved: &mut [Se2], stream: &mut Stream, arch: Arch) {
-        let mut noise = Noise { first: [0.0; BLOCK], run: [0.0; BLOCK], last: [0.0; BLOCK] };
+        let mut noise = [Noise::default(); BLOCK];
         for (poses, moved) in poses.chunks(BLOCK).zip(moved.chunks_mut(BLOCK)) {
-            let runs = noise.first.iter_mut().zip(&mut noise.run).zip(&mut noise.last);
-            for ((first, run), last) in runs.take(poses.len()) {
-                [*first, *run, *last] = self.draw(stream);
-            }
-            arch.dispatch(Moves { sampler: self, noise: &noise, poses, moved });
+            let noise = &mut noise[..poses.len()];
+            noise.fill_with(|| self.draw(stream));
+            arch.dispatch(Moves { sampler: self, noise, poses, moved });
         }
     }
 }
@@ -74,17 +73,19 @@ fn smaller_turn(angle: f64) -> So2 {
     UnitComplex::from_cos_sin_unchecked(cos, sin).into()
 }
 
-/// The noise of a block of particles.
-struct Noise {
-    first: [f64; BLOCK],
-    run: [f64; BLOCK],
-    last: [f64; BLOCK],
+/// The noise of a particle: of both turns in radians, of the run and the drift in metres.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Noise {
+    pub(super) first: f64,
+    run: f64,
+    pub(super) last: f64,
+    drift: f64,
 }
 
 /// The moves of a block, compiled once for each instruction set.
 struct Moves<'a> {
     sampler: &'a Sampler,
-    noise: &'a Noise,
+    noise: &'a [Noise],
     poses: &'a [Se2],
     moved: &'a mut [Se2],
 }
@@ -95,16 +96,15 @@ impl WithSimd for Moves<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         let Self { sampler, noise, poses, moved } = self;
-        let draws = noise.first.iter().zip(&noise.run).zip(&noise.last);
-        let turns = noise.first[..poses.len()].iter().chain(&noise.last[..poses.len()]);
+        let turns = noise.iter().flat_map(|noise| [noise.first, noise.last]);
         let small: usize = turns.map(|turn| usize::from(turn.abs() <= SERIES_LIMIT)).sum();
-        if small == 2 * poses.len() {
-            for ((moved, pose), ((&first, &run), &last)) in moved.iter_mut().zip(poses).zip(draws) {
-                *moved = sampler.moved(pose, run, &smaller_turn(first), &smaller_turn(last));
+        if small == 2 * noise.len() {
+            for ((moved, pose), noise) in moved.iter_mut().zip(poses).zip(noise) {
+                *moved = sampler.moved(pose, noise, &smaller_turn(noise.first), &smaller_turn(noise.last));
             }
         } else {
-            for ((moved, pose), ((&first, &run), &last)) in moved.iter_mut().zip(poses).zip(draws) {
-                *moved = sampler.moved(pose, run, &small_turn(first), &small_turn(last));
+            for ((moved, pose), noise) in moved.iter_mut().zip(poses).zip(noise) {
+                *moved = sampler.moved(pose, noise, &small_turn(noise.first), &small_turn(noise.last));
             }
         }
     }

@@ -1,6 +1,10 @@
 //! Sensor models that judge pose by pose.
 
-use agv_core::{compute::CHUNK, geometry::Se2, roles::SkipReason};
+use agv_core::{
+    compute::CHUNK,
+    geometry::{Se2, UncertainPose},
+    roles::SkipReason,
+};
 
 /// An observation that waits for poses to be judged by it.
 ///
@@ -61,6 +65,13 @@ pub trait SensorModel<Z: ?Sized> {
     /// # Errors
     /// Why the observation cannot weigh anything: [`SkipReason::TooFewReadings`] for a scan without usable beams.
     fn condition<'a>(&'a mut self, observation: &'a Z) -> Result<impl PoseLikelihood + 'a, SkipReason>;
+
+    /// The pose near `guess` that explains the observation best, `guess` being what is known without it; none if there is no
+    /// better one, or the model cannot tell.
+    fn refine(&mut self, observation: &Z, guess: &UncertainPose<Se2>) -> Option<Se2> {
+        let _ = (observation, guess);
+        None
+    }
 
     /// As how many independent readings the log-likelihood of an observation counts: what it is divided by where observations
     /// are compared with each other.

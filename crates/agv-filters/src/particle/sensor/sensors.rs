@@ -3,7 +3,7 @@
 use super::WeighParticles;
 use agv_core::{
     compute::Par,
-    geometry::Se2,
+    geometry::{Se2, UncertainPose},
     roles::SkipReason,
     sensors::{LandmarkObservation, LaserScan, MarkerObservation},
 };
@@ -68,6 +68,10 @@ macro_rules! weigh_by_field {
 
             fn independent_readings(&self) -> f64 {
                 self.$field.independent_readings()
+            }
+
+            fn refine(&mut self, observation: &$observation, guess: &UncertainPose<Se2>) -> Option<Se2> {
+                self.$field.refine(observation, guess)
             }
         }
     )+};

@@ -3,7 +3,7 @@
 use super::{PoseLikelihood, SensorModel};
 use agv_core::{
     compute::{CHUNK, Par},
-    geometry::Se2,
+    geometry::{Se2, UncertainPose},
     roles::SkipReason,
 };
 
@@ -52,6 +52,15 @@ pub trait WeighParticles<Z: ?Sized> {
         log_likelihoods: &mut [f64],
         par: Par,
     ) -> Result<(), SkipReason>;
+
+    /// The pose near `guess` that explains the observation best, `guess` being what is known without it; none if there is no
+    /// better one, or the sensor cannot tell.
+    ///
+    /// Asked once per update, for the estimate.
+    fn refine(&mut self, observation: &Z, guess: &UncertainPose<Se2>) -> Option<Se2> {
+        let _ = (observation, guess);
+        None
+    }
 
     /// Share of the observation's usable readings that a pose explains, from 0 to 1; none if the model cannot tell.
     ///
@@ -106,6 +115,10 @@ impl<Z: ?Sized, S: SensorModel<Z>> WeighParticles<Z> for PerPose<S> {
         weigh_each(&mut self.0, observation, poses, log_likelihoods, par)
     }
 
+    fn refine(&mut self, observation: &Z, guess: &UncertainPose<Se2>) -> Option<Se2> {
+        self.0.refine(observation, guess)
+    }
+
     fn explained(&mut self, observation: &Z, map_from_base: &Se2) -> Option<f64> {
         self.0.condition(observation).ok()?.explained(map_from_base)
     }
@@ -144,6 +157,14 @@ macro_rules! weigh_per_pose {
                 $crate::particle::sensor::weigh::weigh_each(self, observation, poses, log_likelihoods, par)
             }
 
+            fn refine(
+                &mut self,
+                observation: &$observation,
+                guess: &agv_core::geometry::UncertainPose<agv_core::geometry::Se2>,
+            ) -> Option<agv_core::geometry::Se2> {
+                $crate::particle::SensorModel::refine(self, observation, guess)
+            }
+
             fn explained(
                 &mut self,
                 observation: &$observation,
@@ -171,6 +192,10 @@ macro_rules! weigh_through {
                 par: Par,
             ) -> Result<(), SkipReason> {
                 (**self).weigh(observation, poses, log_likelihoods, par)
+            }
+
+            fn refine(&mut self, observation: &Z, guess: &UncertainPose<Se2>) -> Option<Se2> {
+                (**self).refine(observation, guess)
             }
 
             fn explained(&mut self, observation: &Z, map_from_base: &Se2) -> Option<f64> {

@@ -14,7 +14,7 @@ use super::{
 use agv_core::{
     Error, check,
     compute::{CHUNK, Par},
-    geometry::{LieGroup, Se2},
+    geometry::{LieGroup, Se2, UncertainPose},
     grid::{CellState, DistanceParams, DistanceTransform, Grid, GridLayout},
     roles::SkipReason,
     sensors::{Beam, LaserScan, ScanGeometry},
@@ -286,6 +286,10 @@ impl<S: MaxBeams + WeighParticles<LaserScan>> WeighParticles<LaserScan> for Beam
 
     fn independent_readings(&self) -> f64 {
         self.model.independent_readings()
+    }
+
+    fn refine(&mut self, scan: &LaserScan, guess: &UncertainPose<Se2>) -> Option<Se2> {
+        self.model.refine(scan, guess)
     }
 }
 

@@ -12,6 +12,7 @@
 
 mod kernel;
 mod params;
+mod refine;
 mod table;
 #[cfg(test)]
 mod tests;
@@ -19,13 +20,15 @@ mod tests;
 use super::{MaxBeams, PoseLikelihood, SensorModel, weigh_per_pose};
 use agv_core::{
     Error,
-    geometry::LieGroup,
+    geometry::{LieGroup, Se2, UncertainPose},
     grid::LikelihoodField,
     roles::SkipReason,
     sensors::{Beam, LaserScan},
 };
 use kernel::{COORDINATE_BITS, EndPoints, ScanOnTable};
+use nalgebra::Vector2;
 use pulp::Arch;
+use refine::Refiner;
 use std::sync::Arc;
 use table::Table;
 
@@ -115,6 +118,18 @@ impl SensorModel<LaserScan> for LikelihoodFieldModel {
 
     fn independent_readings(&self) -> f64 {
         self.params.form.independent_readings(self.params.max_beams)
+    }
+
+    /// Not with the sum of cubes: its terms do not tell distances.
+    fn refine(&mut self, scan: &LaserScan, guess: &UncertainPose<Se2>) -> Option<Se2> {
+        let ScanForm::Product { independent_beams } = self.params.form else { return None };
+        let hits = self.collect_ends(scan);
+        if hits < self.params.min_hits.max(1) {
+            return None;
+        }
+        let ends = self.ends.iter().map(|(x, y)| Vector2::new(f64::from(x), f64::from(y)));
+        let weight = (independent_beams / hits as f64).min(1.0);
+        Refiner { table: &self.table, ends, weight }.refine(guess)
     }
 }
 

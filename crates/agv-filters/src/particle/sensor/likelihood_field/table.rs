@@ -28,6 +28,10 @@ pub(super) struct Table {
     pub(super) cells_per_metre: f64,
     /// Least level of an explained beam; above all levels if no cell of the map explains one.
     pub(super) explained: u32,
+    /// The term of a beam that ends on what the map shows.
+    pub(super) greatest: f64,
+    /// Standard deviation of hits, in metres.
+    pub(super) sigma: f64,
 }
 
 /// Places for logarithms that are known, in bits.
@@ -84,6 +88,8 @@ impl Table {
         }
         terms.resize((width + 2) * (height + 2), border);
         Ok(Self {
+            greatest: term(field.params().density(0.0) as f32),
+            sigma: field.params().sigma_hit,
             terms,
             least,
             step,
