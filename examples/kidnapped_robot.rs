@@ -121,7 +121,7 @@ fn row(kind: Kind, outcomes: &[Outcome], tracked: &[(f64, f64)]) -> Report {
         (tracked.iter().map(|t| of(t).powi(2)).sum::<f64>() / tracked.len() as f64).sqrt()
     };
     let mut timings = Timings::default();
-    for outcome in &outcomes {
+    for outcome in outcomes {
         timings.append(outcome.timings.clone());
     }
     let counts: Vec<usize> = outcomes.iter().flat_map(|outcome| outcome.counts.iter().copied()).collect();
@@ -154,7 +154,7 @@ fn add_ratios(report: &mut Report, site: &str, outcomes: &[Vec<Outcome>]) {
     };
     let stop = |kind: Kind| {
         let errors = of(kind).iter().flat_map(|outcome| outcome.stop_errors.iter().copied()).collect();
-        Statistics::new(errors).map_or(f64::NAN, Statistics::mean)
+        Statistics::new(errors).map_or(f64::NAN, |s| s.mean())
     };
     let less = |with: f64, without: f64| 100.0 * (1.0 - with / without);
     for (name, kind) in [("codes", Kind::Codes), ("amcl", Kind::Search), ("amcl_codes", Kind::SearchAndCodes)] {
