@@ -52,16 +52,16 @@ fn params() -> AmclParams {
     AmclParams { kld: KldParams { max_particles: 5000, ..Default::default() }, ..Default::default() }
 }
 
-fn filter_with(params: AmclParams, seed: u64) -> Result<Filter, Error> {
+fn filter_with(params: &AmclParams, seed: u64) -> Result<Filter, Error> {
     let map = room();
     let field = LikelihoodField::new(&map, LikelihoodFieldParams::default()).unwrap();
     let sensor = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default()).unwrap();
     let motion = DifferentialOdometryModel::new(OdometryNoise::uniform(0.05)).unwrap();
-    Amcl::new(motion, sensor, FreeSpace::new(&map, 0.2).unwrap().largest(), params, Seed(seed))
+    Amcl::new(motion, sensor, FreeSpace::new(&map, 0.2).unwrap().largest(), *params, Seed(seed))
 }
 
 fn filter(seed: u64) -> Filter {
-    filter_with(params(), seed).unwrap()
+    filter_with(&params(), seed).unwrap()
 }
 
 fn around(pose: Se2) -> PoseBelief<Se2> {
@@ -126,7 +126,7 @@ fn a_vehicle_that_is_switched_on_anywhere_is_found_with_few_particles() {
 #[test]
 fn without_recovery_a_kidnapped_vehicle_stays_lost() {
     let map = room();
-    let mut filter = filter_with(AmclParams { recovery: RecoveryParams::never(), ..params() }, 1).unwrap();
+    let mut filter = filter_with(&AmclParams { recovery: RecoveryParams::never(), ..params() }, 1).unwrap();
     filter.initialize(&around(Se2::new(HERE.0, HERE.1, HERE.2))).unwrap();
     drive(&mut filter, &map, Se2::new(HERE.0, HERE.1, HERE.2), 12);
     let truth = drive(&mut filter, &map, Se2::new(THERE.0, THERE.1, THERE.2), 12);
@@ -287,6 +287,6 @@ fn bad_input_is_refused_and_changes_nothing() {
         AmclParams { kld: KldParams { min_particles: 0, ..good.kld }, ..good },
         AmclParams { recovery: RecoveryParams { max_share: 2.0, ..good.recovery }, ..good },
     ] {
-        assert!(filter_with(bad, 0).is_err(), "{bad:?}");
+        assert!(filter_with(&bad, 0).is_err(), "{bad:?}");
     }
 }

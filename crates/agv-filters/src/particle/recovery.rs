@@ -265,7 +265,7 @@ mod tests {
     }
 
     #[test]
-    fn a_filter_that_was_never_right_is_doubted_by_the_second_sign_alone() {
+    fn a_filter_that_was_never_right_is_doubted_by_the_last_sign_alone() {
         let run = |params| {
             let mut recovery = recovery(params);
             (0..50).map(|_| recovery.observed(0.05_f64.ln(), Some(0.2))).last().unwrap()
