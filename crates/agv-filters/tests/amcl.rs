@@ -126,7 +126,14 @@ fn a_vehicle_that_is_switched_on_anywhere_is_found_with_few_particles() {
 #[test]
 fn without_recovery_a_kidnapped_vehicle_stays_lost() {
     let map = room();
-    let mut filter = filter_with(&AmclParams { recovery: RecoveryParams::never(), ..params() }, 1).unwrap();
+    // Nor tempering, whose kernel spreads the particles, nor refinement, which helps a wrong place to explain more.
+    let plain = AmclParams {
+        recovery: RecoveryParams::never(),
+        tempering: TemperingParams::never(),
+        refine: false,
+        ..params()
+    };
+    let mut filter = filter_with(&plain, 1).unwrap();
     filter.initialize(&around(Se2::new(HERE.0, HERE.1, HERE.2))).unwrap();
     drive(&mut filter, &map, Se2::new(HERE.0, HERE.1, HERE.2), 12);
     let truth = drive(&mut filter, &map, Se2::new(THERE.0, THERE.1, THERE.2), 12);
@@ -249,7 +256,7 @@ fn proposals_that_are_no_poses_are_dropped() {
     other.initialize(&around(here)).unwrap();
     other.update(&scan).unwrap();
     for particles in [one.particles(), other.particles()] {
-        assert!(particles.states().iter().all(LieGroup::is_finite) && particles.len() >= 500);
+        assert!(particles.states().iter().all(LieGroup::is_finite) && particles.len() >= 400);
     }
     let mut anywhere = filter(1).with_proposal(UniformProposal);
     anywhere.initialize(&around(here)).unwrap();

