@@ -123,8 +123,9 @@ pub struct Recovery {
     observations: u64,
     slow: f64,
     fast: f64,
-    /// Variance about the slow mean.
+    /// Variance of one value about the slow mean, and of the fast mean about it.
     variance: f64,
+    wandering: f64,
     explained: Option<f64>,
     /// Observations for which the search goes on.
     searching: u32,
@@ -138,10 +139,9 @@ struct RawRecovery {
     observations: u64,
     slow: f64,
     fast: f64,
-    /// Variance about the slow mean.
     variance: f64,
+    wandering: f64,
     explained: Option<f64>,
-    /// Observations for which the search goes on.
     searching: u32,
 }
 
@@ -150,12 +150,13 @@ impl TryFrom<RawRecovery> for Recovery {
     type Error = Error;
 
     fn try_from(raw: RawRecovery) -> Result<Self, Error> {
-        let RawRecovery { params, observations, slow, fast, variance, explained, searching } = raw;
+        let RawRecovery { params, observations, slow, fast, variance, wandering, explained, searching } = raw;
         check::non_negative("slow mean", slow)?;
         check::non_negative("fast mean", fast)?;
         check::non_negative("variance", variance)?;
+        check::non_negative("wandering", wandering)?;
         check::in_range("explained", explained.unwrap_or_default(), 0.0, 1.0)?;
-        Ok(Self { observations, slow, fast, variance, explained, searching, ..Self::new(params)? })
+        Ok(Self { observations, slow, fast, variance, wandering, explained, searching, ..Self::new(params)? })
     }
 }
 
@@ -166,7 +167,16 @@ impl Recovery {
     /// Parameters that [`validate`](RecoveryParams::validate) refuses.
     pub fn new(params: RecoveryParams) -> Result<Self, Error> {
         params.validate()?;
-        Ok(Self { params, observations: 0, slow: 0.0, fast: 0.0, variance: 0.0, explained: None, searching: 0 })
+        Ok(Self {
+            params,
+            observations: 0,
+            slow: 0.0,
+            fast: 0.0,
+            variance: 0.0,
+            wandering: 0.0,
+            explained: None,
+            searching: 0,
+        })
     }
 
     /// The parameters.
@@ -187,6 +197,7 @@ impl Recovery {
             slow: 0.0,
             fast: 0.0,
             variance: 0.0,
+            wandering: 0.0,
             explained: None,
             searching: 0,
         };
@@ -214,6 +225,8 @@ impl Recovery {
             let spread = if self.observations > 1 { difference * (likelihood - self.slow) } else { 0.0 };
             self.variance += alpha_slow.max(least) * (spread - self.variance);
             self.fast += alpha_fast.max(least) * (likelihood - self.fast);
+            let off = self.fast - self.slow;
+            self.wandering += alpha_slow.max(least) * (off * off - self.wandering);
         }
         if let Some(share) = explained.filter(|share| share.is_finite()) {
             let share = share.clamp(0.0, 1.0);
@@ -229,8 +242,9 @@ impl Recovery {
         if is_searching { fallen.max(search_share).min(max_share) } else { 0.0 }
     }
 
-    /// Whether the fast mean lies farther below the slow one than it scatters: that of white noise with weights that decay by
-    /// `1 - α` has the variance `α / (2 - α)` of one value's.
+    /// Whether the fast mean lies farther below the slow one than it scatters: as it has done so far, and no less than that of white
+    /// noise, which with weights that decay by `1 - α` has the variance `α / (2 - α)` of one value's. Real places differ from each
+    /// other for as long as the vehicle is in them, so the scatter is mostly the former.
     fn has_fallen_for_good(&self) -> bool {
         /// Observations that a scatter is known from.
         const KNOWN: u64 = 10;
@@ -238,7 +252,7 @@ impl Recovery {
         const LEAST: f64 = 0.02;
         let RecoveryParams { alpha_fast, deviations, .. } = self.params;
         let one = self.variance.sqrt().max(LEAST * self.slow);
-        let sigma = one * (alpha_fast / (2.0 - alpha_fast)).sqrt();
+        let sigma = (one * (alpha_fast / (2.0 - alpha_fast)).sqrt()).max(self.wandering.sqrt());
         alpha_fast > 0.0 && deviations > 0.0 && self.observations >= KNOWN && self.slow - self.fast > deviations * sigma
     }
 }
