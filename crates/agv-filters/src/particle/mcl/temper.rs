@@ -44,8 +44,8 @@ pub struct TemperingParams {
 }
 
 impl Default for TemperingParams {
-    /// Below 5 %, which the right odometry never comes to (0.3 % of the updates of the Intel log, while the belief narrows
-    /// down) and which 25 of 500 particles can still carry; a kernel of at most 0.1 m and 0.1 rad, two map cells and the width
+    /// Below 5 %, which odometry as exact as its model says seldom comes to (0.3 % of the updates of the Intel log, while the belief
+    /// narrows down) and which 25 of 500 particles can still carry; a kernel of at most 0.1 m and 0.1 rad, two map cells and the width
     /// of a scan's peak. Up to 3 m, which a jump of the odometry by a third of a metre to
     /// the side comes near, a belief has one peak; one over a hall is wider.
     fn default() -> Self {
