@@ -22,10 +22,11 @@ pub(super) fn angle(x: f64, y: f64) -> f64 {
 #[inline]
 pub(super) fn sin_cos(angle: f64) -> (f64, f64) {
     if angle.abs() < SMALL {
+        // Written without divisions, which would wait for each other.
         let square = angle * angle;
-        let sin = angle * (1.0 - square / 6.0 * (1.0 - square / 20.0 * (1.0 - square / 42.0 * (1.0 - square / 72.0))));
-        let cos = 1.0 - square / 2.0 * (1.0 - square / 12.0 * (1.0 - square / 30.0 * (1.0 - square / 56.0)));
-        (sin, cos)
+        let sin = 1.0 / 6.0 - square * (1.0 / 120.0 - square * (1.0 / 5040.0 - square * (1.0 / 362_880.0)));
+        let cos = 1.0 / 24.0 - square * (1.0 / 720.0 - square * (1.0 / 40_320.0 - square * (1.0 / 3_628_800.0)));
+        (angle - angle * square * sin, 1.0 - square * (0.5 - square * cos))
     } else {
         angle.sin_cos()
     }
