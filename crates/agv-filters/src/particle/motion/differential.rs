@@ -172,8 +172,8 @@ impl MotionModel for DifferentialOdometryModel {
     fn condition<'a>(&'a self, motion: &'a OdometryIncrement) -> impl Fn(&Se2, &mut Stream) -> Se2 + Sync + 'a {
         let sampler = Sampler::new(&self.take_apart(&motion.start_from_end));
         move |pose, stream| {
-            let noise = sampler.draw(stream);
-            sampler.moved(pose, &noise, &small_turn(noise.first), &small_turn(noise.last))
+            let [first, run, last, drift] = sampler.draw(stream);
+            sampler.moved(pose, run, drift, &small_turn(first), &small_turn(last))
         }
     }
 

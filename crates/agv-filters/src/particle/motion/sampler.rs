@@ -39,29 +39,31 @@ impl Sampler {
         Self { first, last, run: parts.translation, drift, sigma }
     }
 
-    /// Noise of each part.
+    /// Noise of the first turn, the run, the last turn and the drift.
     #[inline]
-    pub(super) fn draw(&self, stream: &mut Stream) -> Noise {
+    pub(super) fn draw(&self, stream: &mut Stream) -> [f64; 4] {
         let noise: [f64; 4] = std::array::from_fn(|_| StandardNormal.sample(stream));
-        let part = |k: usize| self.sigma[k] * noise[k];
-        Noise { first: part(0), run: part(1), last: part(2), drift: part(3) }
+        std::array::from_fn(|part| self.sigma[part] * noise[part])
     }
 
     /// Where the motion ends, given the noise of its parts.
     #[inline(always)]
-    pub(super) fn moved(&self, pose: &Se2, noise: &Noise, first: &So2, last: &So2) -> Se2 {
+    pub(super) fn moved(&self, pose: &Se2, run: f64, drift: f64, first: &So2, last: &So2) -> Se2 {
         let heading = pose.rotation().compose(&self.first).compose(first);
-        let travel = heading.act(&Vector2::new(self.run + noise.run, self.drift + noise.drift));
+        let travel = heading.act(&Vector2::new(self.run + run, self.drift + drift));
         Se2::from_parts(pose.translation() + travel, heading.compose(&self.last).compose(last))
     }
 
     /// Moves many particles.
     pub(super) fn propagate(&self, poses: &[Se2], moved: &mut [Se2], stream: &mut Stream, arch: Arch) {
-        let mut noise = [Noise::default(); BLOCK];
+        let mut noise = Noise { first: [0.0; BLOCK], run: [0.0; BLOCK], last: [0.0; BLOCK], drift: [0.0; BLOCK] };
         for (poses, moved) in poses.chunks(BLOCK).zip(moved.chunks_mut(BLOCK)) {
-            let noise = &mut noise[..poses.len()];
-            noise.fill_with(|| self.draw(stream));
-            arch.dispatch(Moves { sampler: self, noise, poses, moved });
+            let turns = noise.first.iter_mut().zip(&mut noise.last);
+            let ways = noise.run.iter_mut().zip(&mut noise.drift);
+            for ((first, last), (run, drift)) in turns.zip(ways).take(poses.len()) {
+                [*first, *run, *last, *drift] = self.draw(stream);
+            }
+            arch.dispatch(Moves { sampler: self, noise: &noise, poses, moved });
         }
     }
 }
@@ -73,19 +75,18 @@ fn smaller_turn(angle: f64) -> So2 {
     UnitComplex::from_cos_sin_unchecked(cos, sin).into()
 }
 
-/// The noise of a particle: of both turns in radians, of the run and the drift in metres.
-#[derive(Debug, Clone, Copy, Default)]
-pub(super) struct Noise {
-    pub(super) first: f64,
-    run: f64,
-    pub(super) last: f64,
-    drift: f64,
+/// The noise of a block of particles: of both turns in radians, of the run and the drift in metres.
+struct Noise {
+    first: [f64; BLOCK],
+    run: [f64; BLOCK],
+    last: [f64; BLOCK],
+    drift: [f64; BLOCK],
 }
 
 /// The moves of a block, compiled once for each instruction set.
 struct Moves<'a> {
     sampler: &'a Sampler,
-    noise: &'a [Noise],
+    noise: &'a Noise,
     poses: &'a [Se2],
     moved: &'a mut [Se2],
 }
@@ -96,15 +97,17 @@ impl WithSimd for Moves<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
         let Self { sampler, noise, poses, moved } = self;
-        let turns = noise.iter().flat_map(|noise| [noise.first, noise.last]);
+        let turns = noise.first[..poses.len()].iter().chain(&noise.last[..poses.len()]);
         let small: usize = turns.map(|turn| usize::from(turn.abs() <= SERIES_LIMIT)).sum();
-        if small == 2 * noise.len() {
-            for ((moved, pose), noise) in moved.iter_mut().zip(poses).zip(noise) {
-                *moved = sampler.moved(pose, noise, &smaller_turn(noise.first), &smaller_turn(noise.last));
+        let turns = noise.first.iter().zip(&noise.last);
+        let draws = turns.zip(noise.run.iter().zip(&noise.drift));
+        if small == 2 * poses.len() {
+            for ((moved, pose), ((&first, &last), (&run, &drift))) in moved.iter_mut().zip(poses).zip(draws) {
+                *moved = sampler.moved(pose, run, drift, &smaller_turn(first), &smaller_turn(last));
             }
         } else {
-            for ((moved, pose), noise) in moved.iter_mut().zip(poses).zip(noise) {
-                *moved = sampler.moved(pose, noise, &small_turn(noise.first), &small_turn(noise.last));
+            for ((moved, pose), ((&first, &last), (&run, &drift))) in moved.iter_mut().zip(poses).zip(draws) {
+                *moved = sampler.moved(pose, run, drift, &small_turn(first), &small_turn(last));
             }
         }
     }
