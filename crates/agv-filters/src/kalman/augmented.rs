@@ -3,7 +3,7 @@
 use super::{Manifold, PlanarState};
 use crate::particle::ParticleState;
 use agv_core::geometry::{LieGroup, Se2};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
+use nalgebra::{SMatrix, SVector, Vector2, Vector3};
 
 /// A pose in the plane and `A` reals, for error-state filters of `3 + A` degrees of freedom, `A` from one to six.
 ///
@@ -86,10 +86,8 @@ macro_rules! augmented_pose_is_a_manifold {
 
             #[inline]
             fn lift<const M: usize>(&self, by_pose: &SMatrix<f64, M, 3>) -> SMatrix<f64, M, $dof> {
-                let (cos, sin) = (self.map_from_base.rotation().cos(), self.map_from_base.rotation().sin());
-                let turned = by_pose * Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
                 let mut by_state = SMatrix::<f64, M, $dof>::zeros();
-                by_state.fixed_columns_mut::<3>(0).copy_from(&turned);
+                by_state.fixed_columns_mut::<3>(0).copy_from(&self.map_from_base.lift(by_pose));
                 by_state
             }
         }

@@ -167,7 +167,11 @@ impl Recovery {
     /// Parameters that [`validate`](RecoveryParams::validate) refuses.
     pub fn new(params: RecoveryParams) -> Result<Self, Error> {
         params.validate()?;
-        Ok(Self {
+        Ok(Self::fresh(params))
+    }
+
+    const fn fresh(params: RecoveryParams) -> Self {
+        Self {
             params,
             observations: 0,
             slow: 0.0,
@@ -176,7 +180,7 @@ impl Recovery {
             wandering: 0.0,
             explained: None,
             searching: 0,
-        })
+        }
     }
 
     /// The parameters.
@@ -191,16 +195,7 @@ impl Recovery {
 
     /// Forgets the past: a new belief was given.
     pub fn clear(&mut self) {
-        *self = Self {
-            params: self.params,
-            observations: 0,
-            slow: 0.0,
-            fast: 0.0,
-            variance: 0.0,
-            wandering: 0.0,
-            explained: None,
-            searching: 0,
-        };
+        *self = Self::fresh(self.params);
     }
 
     /// Searches with the next observations whatever they say: the belief says nothing.
