@@ -2,7 +2,7 @@
 //!
 //! The distribution function is the regularised incomplete gamma function `P(k/2, x/2)`, by its series below the mean and
 //! its continued fraction above (Press et al., *Numerical Recipes*, section 6.2; Temme 1994); the quantile is Newton's
-//! iteration on it from the approximation of Wilson and Hilferty (1931), kept within a bracket.
+//! iteration on it, kept within a bracket.
 
 use crate::{Error, check};
 

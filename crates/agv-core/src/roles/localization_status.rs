@@ -85,7 +85,7 @@ impl Default for StatusParams {
     ///
     /// Of the beams of the Intel log, 0.98 end within 0.2 m of what the map shows if the pose is right (0.83 in the worst
     /// hundredth of the scans), 0.39 if it is off by half a metre and 0.25 anywhere else: 0.6 and 0.4 lie between, with room for
-    /// people and pallets. Five updates are a metre of travel at the usual update distance of 0.2 m.
+    /// people and pallets. Three updates are 0.6 m of travel at the usual update distance of 0.2 m.
     fn default() -> Self {
         Self {
             narrow_position: 0.3,

@@ -29,7 +29,7 @@ impl PoseBins {
     /// Checks both sizes.
     ///
     /// # Errors
-    /// A size that is not finite and positive, or a heading of less than a hundredth of a degree.
+    /// A size that is not finite and positive, or a heading of below 1e-4 rad.
     pub fn validate(&self) -> Result<(), Error> {
         check::positive("position bin", self.position)?;
         check::in_range("heading bin", self.heading, 1e-4, f64::MAX)?;

@@ -58,8 +58,8 @@ pub use resample_policy::{And, EffectiveSampleSizeBelow, EntropyBelow, EveryNth,
 pub use sample_size::{SameSize, SampleSize};
 pub use sensor::{
     BeamFit, BeamModel, BeamModelParams, BeamSample, BeamSkipping, BeamSkippingParams, LandmarkModel,
-    LandmarkModelParams, LikelihoodFieldModel, LikelihoodFieldModelParams, MarkerModel, MarkerModelParams, MaxBeams,
-    NdtMapModel, NdtMapModelParams, PerPose, PoseLikelihood, ScanForm, SensorModel, Sensors, WeighParticles,
+    LandmarkModelParams, LikelihoodFieldModel, LikelihoodFieldModelParams, MarkerModel, MarkerModelParams, NdtMapModel,
+    NdtMapModelParams, PerPose, PoseLikelihood, ScanForm, SensorModel, Sensors, UsedBeams, WeighParticles,
 };
 pub use set::{ParticleSet, ParticleState};
 pub use update_policy::{MotionThreshold, UpdateContext, UpdatePolicy};

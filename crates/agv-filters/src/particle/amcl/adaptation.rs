@@ -26,8 +26,8 @@ pub(super) struct Adaptation<G> {
     pub(super) fresh: Vec<Se2>,
 }
 
-/// A hypothesis this much lighter than the one that is followed does not count for the covariance: particles that search
-/// are always somewhere.
+/// Beside a hypothesis that holds most of the weight, one this much lighter does not count for the covariance: particles that
+/// search are always somewhere.
 const NEGLIGIBLE: f64 = 0.1;
 
 impl<G> Adaptation<G> {
@@ -85,7 +85,8 @@ where
 /// The pose of a hypothesis, with the covariance of all that count about it: how far off the vehicle is if it is elsewhere.
 fn among(best: &Hypothesis, all: &[Hypothesis]) -> Result<UncertainPose<Se2>, Error> {
     let (mut total, mut sum) = (0.0, Matrix3::zeros());
-    for other in all.iter().filter(|other| other.weight >= NEGLIGIBLE * best.weight) {
+    let least = if best.weight > 0.5 { NEGLIGIBLE * best.weight } else { 0.0 };
+    for other in all.iter().filter(|other| other.weight >= least) {
         let offset = other.pose.mean().minus(best.pose.mean());
         let turn = Rotation2::new(best.pose.mean().between(other.pose.mean()).yaw());
         let mut carry = Matrix3::identity();
@@ -105,6 +106,15 @@ mod tests {
     fn hypothesis(x: f64, yaw: f64, weight: f64) -> Hypothesis {
         let covariance = Matrix3::from_diagonal(&[0.01, 0.04, 0.001].into());
         Hypothesis { weight, pose: UncertainPose::new(Se2::new(x, 0.0, yaw), covariance).unwrap(), particles: 1 }
+    }
+
+    #[test]
+    fn many_small_hypotheses_outweigh_one_that_is_not_much_larger() {
+        let best = hypothesis(0.0, 0.0, 0.05);
+        let mut all = vec![best];
+        all.extend((0..200).map(|_| hypothesis(10.0, 0.0, 0.0045)));
+        let spread = among(&best, &all).unwrap();
+        assert!((spread.covariance().m11 - (100.0 * 0.9 / 0.95 + 0.01)).abs() < 1e-9, "{}", spread.covariance());
     }
 
     #[test]

@@ -96,6 +96,8 @@ where
             Ok(weights) => {
                 let (weights, degrees) = self.temper(observation, weights, &known.pose)?;
                 self.belief.diagnostics.degrees = degrees;
+                // Of what was weighed: what follows may look at other readings.
+                let readings = self.sensor.independent_readings();
                 // Before resampling, which adds variance and no knowledge.
                 let moments = self.belief.particles.estimate(self.par)?;
                 let moments = adapt.estimate(&self.belief.particles, moments, &known.pose)?;
@@ -104,7 +106,6 @@ where
                 let stamp = known.stamp.or_else(|| observation.stamp());
                 self.belief.known = Some(Known { moments, pose: moments, stamp });
                 self.belief.streams.applied(observation, &self.belief.odom_from_base);
-                let readings = self.sensor.independent_readings();
                 let seen = Seen { weights, readings, explained, expected: &known.pose };
                 let share = adapt.fresh_share(observation, &seen);
                 let moments = if self.resample(observation, weights, share, adapt) {
@@ -146,7 +147,7 @@ where
         let weights = particles.reweigh(log_likelihoods, self.par).ok_or(SkipReason::Unexplained)?;
         if pending.take().is_some() {
             particles.adopt();
-            *step += 1;
+            *step = step.wrapping_add(1);
         }
         Ok(weights)
     }
@@ -193,7 +194,7 @@ where
         let [size_seed, seed, proposal_seed] = seeds;
         let Belief { particles, step, drawn, diagnostics, odom_from_base, known, .. } = &mut self.belief;
         let estimate = known.map_or_else(Se2::identity, |known| *known.pose.mean());
-        drawn.updates += 1;
+        drawn.updates = drawn.updates.saturating_add(1);
         let motion = drawn.odom_from_base.between(odom_from_base);
         let context = ResampleContext::new(weights, particles.len(), drawn.updates, motion);
         let resampled = self.rules.resample.is_due(&context) || share > 0.0;
@@ -210,11 +211,12 @@ where
             fresh = proposed.len().min(wanted).min(count - 1);
             particles.resample(count - fresh, &self.rules.resampler, &mut seed.stream(*step, 0), self.par);
             particles.extend(&proposed[..fresh]);
-            *step += 1;
+            *step = step.wrapping_add(1);
             *drawn = LastDrawn { updates: 0, odom_from_base: *odom_from_base };
         }
         let degrees = diagnostics.degrees;
-        *diagnostics = MclDiagnostics { weights, resampled, degrees, updates: diagnostics.updates + 1, fresh };
+        *diagnostics =
+            MclDiagnostics { weights, resampled, degrees, updates: diagnostics.updates.saturating_add(1), fresh };
         2 * fresh > particles.len()
     }
 }

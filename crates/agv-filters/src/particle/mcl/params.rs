@@ -60,7 +60,8 @@ pub struct MclDiagnostics {
     pub weights: WeightSummary,
     /// Whether the set was resampled then.
     pub resampled: bool,
-    /// In how many degrees the last observation was taken in; one unless the weights collapsed.
+    /// In how many degrees the last observation was taken in: one unless the weights collapsed, and one too in a belief so wide
+    /// that only part of it was taken in ([`TemperingParams::widest`]).
     #[cfg_attr(feature = "serde", serde(default))]
     pub degrees: usize,
     /// Updates applied since the belief was initialised.

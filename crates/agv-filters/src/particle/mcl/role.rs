@@ -125,7 +125,7 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
         };
         let accepted = self.belief.particles.refill(count, self.par, fill, accept);
         if accepted {
-            self.belief.step += 1;
+            self.belief.step = self.belief.step.wrapping_add(1);
         }
         accepted
     }

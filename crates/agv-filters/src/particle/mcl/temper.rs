@@ -45,7 +45,7 @@ pub struct TemperingParams {
 
 impl Default for TemperingParams {
     /// Below 5 %, which odometry as exact as its model says seldom comes to (0.3 % of the updates of the Intel log, while the belief
-    /// narrows down) and which 25 of 500 particles can still carry; a kernel of at most 0.1 m and 0.1 rad, two map cells and the width
+    /// narrows down) and which 20 of 400 particles can still carry; a kernel of at most 0.1 m and 0.1 rad, two map cells and the width
     /// of a scan's peak. Up to 3 m, which a jump of the odometry by a third of a metre to
     /// the side comes near, a belief has one peak; one over a hall is wider.
     fn default() -> Self {
@@ -123,7 +123,9 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
                 }
             });
             particles.adopt();
-            *step += 1;
+            *step = step.wrapping_add(1);
+            // Equal, should the observation weigh nothing where they are now.
+            weights = WeightSummary { log_evidence: weights.log_evidence, ..WeightSummary::uniform(count) };
             *drawn = LastDrawn { updates: 0, odom_from_base: *odom_from_base };
             if self.sensor.weigh(observation, particles.states(), log_likelihoods, self.par).is_err() {
                 break;

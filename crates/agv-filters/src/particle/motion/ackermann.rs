@@ -13,7 +13,7 @@
 //! end      = start exp((s, side, θ) + noise)
 //! ```
 //!
-//! Without a run there is no turn and no error: unlike [`DifferentialOdometryModel`](super::DifferentialOdometryModel) the
+//! Without a run there is no error but that of a turn that was measured: unlike [`DifferentialOdometryModel`](super::DifferentialOdometryModel) the
 //! particles of a vehicle that stands, or creeps, do not turn on the spot.
 
 use super::MotionModel;
@@ -48,7 +48,8 @@ pub struct AckermannOdometryParams {
 
 impl Default for AckermannOdometryParams {
     /// The tugger of [`AckermannParams`](agv_core::kinematics::AckermannParams). The run and the turn err by the customary 0.2
-    /// of `nav2_amcl`; 0.1 rad is the play of worn steering, and a tyre slips by a tenth of what it can err along.
+    /// of `nav2_amcl`; 0.1 rad is the play of worn steering, and a tyre slips to the side by a third of
+    /// what the run errs, 0.14 of it.
     fn default() -> Self {
         let SteeringLimits { wheelbase, max_angle, .. } = SteeringLimits::default();
         Self {

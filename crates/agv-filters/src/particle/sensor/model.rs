@@ -81,6 +81,8 @@ pub trait SensorModel<Z: ?Sized> {
 }
 
 /// Two models of one observation whose errors are independent: likelihoods multiply, and what both see counts.
+///
+/// The estimate is refined by the first of them that can.
 impl<Z: ?Sized, A: SensorModel<Z>, B: SensorModel<Z>> SensorModel<Z> for (A, B) {
     fn condition<'a>(&'a mut self, observation: &'a Z) -> Result<impl PoseLikelihood + 'a, SkipReason> {
         Ok(Both(self.0.condition(observation)?, self.1.condition(observation)?))
@@ -88,6 +90,10 @@ impl<Z: ?Sized, A: SensorModel<Z>, B: SensorModel<Z>> SensorModel<Z> for (A, B) 
 
     fn independent_readings(&self) -> f64 {
         self.0.independent_readings() + self.1.independent_readings()
+    }
+
+    fn refine(&mut self, observation: &Z, guess: &UncertainPose<Se2>) -> Option<Se2> {
+        self.0.refine(observation, guess).or_else(|| self.1.refine(observation, guess))
     }
 }
 

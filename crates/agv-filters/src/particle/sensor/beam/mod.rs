@@ -12,7 +12,7 @@ mod params;
 #[cfg(test)]
 mod tests;
 
-use super::{MaxBeams, PoseLikelihood, ScanForm, SensorModel, beams::evenly_spread, weigh_per_pose};
+use super::{PoseLikelihood, ScanForm, SensorModel, UsedBeams, beams::evenly_spread, weigh_per_pose};
 use agv_core::{
     Error,
     geometry::{LieGroup, Se2},
@@ -138,10 +138,7 @@ struct ScanInMap<'a> {
 
 impl<'a> ScanInMap<'a> {
     fn new(model: &'a BeamModel, scan: &LaserScan, mixture: Mixture) -> Self {
-        let power = match model.params.form {
-            ScanForm::Product { independent_beams } => (independent_beams / model.beams.len().max(1) as f64).min(1.0),
-            ScanForm::SumOfCubes => 1.0,
-        };
+        let power = model.params.form.power(model.beams.len());
         Self { model, base_from_sensor: scan.geometry().base_from_sensor, mixture, power }
     }
 
@@ -205,14 +202,18 @@ impl SensorModel<LaserScan> for BeamModel {
     }
 
     fn independent_readings(&self) -> f64 {
-        self.params.form.independent_readings(self.params.max_beams)
+        self.params.form.independent_readings(self.beams.len())
     }
 }
 
 weigh_per_pose!(BeamModel: LaserScan);
 
-impl MaxBeams for BeamModel {
+impl UsedBeams for BeamModel {
     fn max_beams(&self) -> usize {
         self.params.max_beams
+    }
+
+    fn max_range(&self) -> f64 {
+        self.params.max_range
     }
 }

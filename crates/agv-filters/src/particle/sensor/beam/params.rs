@@ -77,9 +77,6 @@ impl BeamModelParams {
         check::positive("max_range", self.max_range)?;
         check::in_range("z_rand / max_range", self.z_rand / self.max_range, 1e-30, 1e30)?;
         check::positive("explained_within", self.explained_within)?;
-        if let ScanForm::Product { independent_beams } = self.form {
-            check::positive("independent_beams", independent_beams)?;
-        }
-        Ok(())
+        self.form.validate()
     }
 }

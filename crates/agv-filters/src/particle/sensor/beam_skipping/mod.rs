@@ -7,8 +7,8 @@
 //! would go, the set has rather converged on a wrong place: then all weigh.
 
 use super::{
-    MaxBeams, WeighParticles,
-    beams::evenly_spread,
+    UsedBeams, WeighParticles,
+    beams::hits,
     end_points::{BLOCK, EndPoints, Raster},
 };
 use agv_core::{
@@ -17,7 +17,7 @@ use agv_core::{
     geometry::{LieGroup, Se2, UncertainPose},
     grid::{CellState, DistanceParams, DistanceTransform, Grid, GridLayout},
     roles::SkipReason,
-    sensors::{Beam, LaserScan, ScanGeometry},
+    sensors::{LaserScan, ScanGeometry},
     time::Stamp,
 };
 use nalgebra::Vector2;
@@ -171,7 +171,7 @@ impl WithSimd for Count<'_> {
     }
 }
 
-impl<S: MaxBeams> BeamSkipping<S> {
+impl<S: UsedBeams> BeamSkipping<S> {
     /// Around a model of scans in the map.
     ///
     /// # Errors
@@ -218,19 +218,14 @@ impl<S> BeamSkipping<S> {
     }
 }
 
-impl<S: MaxBeams> BeamSkipping<S> {
+impl<S: UsedBeams> BeamSkipping<S> {
     /// Marks the beams that enough poses explain; whether some are to be left out.
     fn choose(&mut self, scan: &LaserScan, poses: &[Se2], par: Par) -> bool {
-        let geometry = scan.geometry();
         self.hits.clear();
         self.ends.clear();
-        for index in evenly_spread(scan.len(), self.model.max_beams()) {
-            if let Beam::Hit(range) = scan.interpret(scan.ranges()[index]) {
-                let (sin, cos) = geometry.angle(index).sin_cos();
-                let end = geometry.base_from_sensor.act(&[range * cos, range * sin].into());
-                self.ends.push(&(end * self.near.raster.cells_per_metre));
-                self.hits.push(index);
-            }
+        for (index, end) in hits(scan, self.model.max_beams(), self.model.max_range()) {
+            self.ends.push(&(end * self.near.raster.cells_per_metre));
+            self.hits.push(index);
         }
         let (beams, near, ends) = (self.ends.len(), &*self.near, &self.ends);
         if beams == 0 {
@@ -259,7 +254,7 @@ impl<S: MaxBeams> BeamSkipping<S> {
     }
 }
 
-impl<S: MaxBeams + WeighParticles<LaserScan>> WeighParticles<LaserScan> for BeamSkipping<S> {
+impl<S: UsedBeams + WeighParticles<LaserScan>> WeighParticles<LaserScan> for BeamSkipping<S> {
     fn weigh(
         &mut self,
         scan: &LaserScan,

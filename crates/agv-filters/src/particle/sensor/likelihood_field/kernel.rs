@@ -10,8 +10,8 @@
 
 #![expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set found at run time")]
 
-use super::{ScanForm, table::Table};
-use crate::particle::PoseLikelihood;
+use super::table::Table;
+use crate::particle::{PoseLikelihood, ScanForm};
 use agv_core::geometry::{LieGroup, Se2};
 use pulp::{Arch, Simd, WithSimd};
 
@@ -208,11 +208,7 @@ fn rounded(value: f32) -> u32 {
 
 impl<'a> ScanOnTable<'a> {
     pub(super) fn new(table: &'a Table, ends: &'a EndPoints, form: ScanForm, arch: Arch) -> Self {
-        let power = match form {
-            ScanForm::Product { independent_beams } => (independent_beams / ends.len().max(1) as f64).min(1.0),
-            ScanForm::SumOfCubes => 1.0,
-        };
-        Self { table, ends, form, power, arch }
+        Self { table, ends, form, power: form.power(ends.len()), arch }
     }
 
     /// Judges at most `P` poses.

@@ -17,13 +17,13 @@ mod table;
 #[cfg(test)]
 mod tests;
 
-use super::{MaxBeams, PoseLikelihood, SensorModel, weigh_per_pose};
+use super::{PoseLikelihood, ScanForm, SensorModel, UsedBeams, beams::hits, weigh_per_pose};
 use agv_core::{
     Error,
-    geometry::{LieGroup, Se2, UncertainPose},
+    geometry::{Se2, UncertainPose},
     grid::LikelihoodField,
     roles::SkipReason,
-    sensors::{Beam, LaserScan},
+    sensors::LaserScan,
 };
 use kernel::{COORDINATE_BITS, EndPoints, ScanOnTable};
 use nalgebra::Vector2;
@@ -32,7 +32,7 @@ use refine::Refiner;
 use std::sync::Arc;
 use table::Table;
 
-pub use params::{LikelihoodFieldModelParams, ScanForm};
+pub use params::LikelihoodFieldModelParams;
 
 /// The likelihood-field model of planar scans.
 ///
@@ -74,8 +74,8 @@ impl LikelihoodFieldModel {
     /// A model on the field of a map.
     ///
     /// # Errors
-    /// Parameters that [`validate`](LikelihoodFieldModelParams::validate) refuses, or a map longer than
-    /// [`MAX_SIDE`](Self::MAX_SIDE).
+    /// Parameters that [`validate`](LikelihoodFieldModelParams::validate) refuses, beams that would be explained as far away as the
+    /// field's `max_distance`, from where on all places are alike, or a map longer than [`MAX_SIDE`](Self::MAX_SIDE).
     pub fn new(field: &LikelihoodField, params: LikelihoodFieldModelParams) -> Result<Self, Error> {
         params.validate()?;
         let table = Arc::new(Table::new(field, &params)?);
@@ -89,18 +89,9 @@ impl LikelihoodFieldModel {
 
     /// Collects the end points of the beams that are used; returns their number.
     fn collect_ends(&mut self, scan: &LaserScan) -> usize {
-        let (geometry, mount) = (scan.geometry(), scan.geometry().base_from_sensor);
-        let (beams, used) = (scan.len(), scan.len().min(self.params.max_beams));
         self.ends.clear();
-        for k in 0..used {
-            // The middle of the k-th of `used` equal parts of the scan.
-            let index = (2 * k + 1) * beams / (2 * used);
-            let Beam::Hit(range) = scan.interpret(scan.ranges()[index]) else { continue };
-            if range > self.params.max_range {
-                continue;
-            }
-            let (sin, cos) = geometry.angle(index).sin_cos();
-            let end = mount.act(&[range * cos, range * sin].into()) * self.table.cells_per_metre;
+        for (_, end) in hits(scan, self.params.max_beams, self.params.max_range) {
+            let end = end * self.table.cells_per_metre;
             self.ends.push(end.x as f32, end.y as f32);
         }
         self.ends.len()
@@ -117,26 +108,28 @@ impl SensorModel<LaserScan> for LikelihoodFieldModel {
     }
 
     fn independent_readings(&self) -> f64 {
-        self.params.form.independent_readings(self.params.max_beams)
+        self.params.form.independent_readings(self.ends.len())
     }
 
     /// Not with the sum of cubes: its terms do not tell distances.
     fn refine(&mut self, scan: &LaserScan, guess: &UncertainPose<Se2>) -> Option<Se2> {
-        let ScanForm::Product { independent_beams } = self.params.form else { return None };
         let hits = self.collect_ends(scan);
-        if hits < self.params.min_hits.max(1) {
+        if self.params.form == ScanForm::SumOfCubes || hits < self.params.min_hits.max(1) {
             return None;
         }
         let ends = self.ends.iter().map(|(x, y)| Vector2::new(f64::from(x), f64::from(y)));
-        let weight = (independent_beams / hits as f64).min(1.0);
-        Refiner { table: &self.table, ends, weight }.refine(guess)
+        Refiner { table: &self.table, ends, weight: self.params.form.power(hits) }.refine(guess)
     }
 }
 
 weigh_per_pose!(LikelihoodFieldModel: LaserScan);
 
-impl MaxBeams for LikelihoodFieldModel {
+impl UsedBeams for LikelihoodFieldModel {
     fn max_beams(&self) -> usize {
         self.params.max_beams
+    }
+
+    fn max_range(&self) -> f64 {
+        self.params.max_range
     }
 }

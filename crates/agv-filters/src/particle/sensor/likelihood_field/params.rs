@@ -1,39 +1,7 @@
 //! Which beams of a scan the likelihood-field model uses, and how they go together.
 
+use crate::particle::sensor::ScanForm;
 use agv_core::{Error, check, sensors::LaserScan};
-
-/// How the beams of a scan make one likelihood.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-#[non_exhaustive]
-pub enum ScanForm {
-    /// The product of the beams' likelihoods, as if `independent_beams` of them were independent and the others repeated
-    /// what those say.
-    ///
-    /// With all beams taken for independent (`likelihood_field_prob` of `nav2_amcl` and Beluga) the filter becomes
-    /// overconfident, the more so the denser the scanner: neighbouring beams hit the same wall and share the map's error
-    /// (Thrun, Burgard and Fox, *Probabilistic Robotics*, section 6.3.4, who take `p^α` with α < 1 for it). Of `n`
-    /// readings whose errors are correlated, the mean has the variance of `n / (1 + 2 Σ ρ_k)` independent ones (Thiébaux
-    /// and Zwiers 1984), a number that levels off as the beams get denser: it is a property of the place and of the map,
-    /// not of the scanner.
-    Product {
-        /// As how many independent beams a scan counts; a scan with fewer usable beams counts as what it has.
-        independent_beams: f64,
-    },
-    /// One plus the sum of the cubes (`likelihood_field` of `nav2_amcl` and Beluga): without a derivation, blunt, and
-    /// hard to lose.
-    SumOfCubes,
-}
-
-impl ScanForm {
-    /// As how many independent readings a scan of at most so many beams counts.
-    pub(in crate::particle::sensor) fn independent_readings(self, max_beams: usize) -> f64 {
-        match self {
-            Self::Product { independent_beams } => independent_beams.min(max_beams as f64),
-            Self::SumOfCubes => 1.0,
-        }
-    }
-}
 
 /// Parameters of a [`LikelihoodFieldModel`](super::LikelihoodFieldModel).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -47,7 +15,8 @@ pub struct LikelihoodFieldModelParams {
     pub max_range: f64,
     /// How the beams make one likelihood.
     pub form: ScanForm,
-    /// A beam counts as explained by a pose if it ends this near to what the map shows, in metres.
+    /// A beam counts as explained by a pose if it ends this near to what the map shows, in metres; less than the field's
+    /// `max_distance`.
     pub explained_within: f64,
 }
 
@@ -76,9 +45,6 @@ impl LikelihoodFieldModelParams {
         check::in_range("max_beams", self.max_beams as f64, 1.0, LaserScan::MAX_BEAMS as f64)?;
         check::positive("max_range", self.max_range)?;
         check::positive("explained_within", self.explained_within)?;
-        if let ScanForm::Product { independent_beams } = self.form {
-            check::positive("independent_beams", independent_beams)?;
-        }
-        Ok(())
+        self.form.validate()
     }
 }

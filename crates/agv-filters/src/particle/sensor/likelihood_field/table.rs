@@ -5,9 +5,10 @@
 //! usual densities, from 0.005 to 1 per metre, a logarithm is off by 4e-5 at most, and one of a thousandth of the floor by
 //! twice that.
 
-use super::{LikelihoodFieldModel, LikelihoodFieldModelParams, ScanForm};
+use super::{LikelihoodFieldModel, LikelihoodFieldModelParams};
+use crate::particle::ScanForm;
 use agv_core::{
-    Error,
+    Error, check,
     geometry::{LieGroup, Se2},
     grid::LikelihoodField,
 };
@@ -48,7 +49,7 @@ impl Table {
     /// The table of a field.
     ///
     /// # Errors
-    /// A map longer than [`LikelihoodFieldModel::MAX_SIDE`].
+    /// A map longer than [`LikelihoodFieldModel::MAX_SIDE`]; beams that are explained beyond the reach of the field.
     pub(super) fn new(field: &LikelihoodField, params: &LikelihoodFieldModelParams) -> Result<Self, Error> {
         let layout = field.layout();
         let (width, height) = (layout.width(), layout.height());
@@ -57,6 +58,8 @@ impl Table {
                 return Err(Error::TooMany { name, len: side, max: LikelihoodFieldModel::MAX_SIDE });
             }
         }
+        let reach = field.params().max_distance;
+        check::in_range("explained_within", params.explained_within, 0.0, reach.next_down())?;
         let term = |density: f32| match params.form {
             ScanForm::Product { .. } => f64::from(density).ln(),
             ScanForm::SumOfCubes => f64::from(density).powi(3),

@@ -2,7 +2,7 @@
 
 use super::*;
 use agv_core::{
-    geometry::Se2,
+    geometry::{LieGroup, Se2},
     grid::{CellState, Grid, GridLayout, LikelihoodFieldParams},
     sensors::ScanGeometry,
     time::Stamp,
@@ -143,6 +143,10 @@ fn bad_parameters_are_named() {
         let error = LikelihoodFieldModel::new(&field(), bad).unwrap_err();
         assert!(error.to_string().starts_with(name), "{error}");
     }
+    // Beyond the field's reach all places are alike: every beam would be explained.
+    let explained_within = field().params().max_distance;
+    let blind = LikelihoodFieldModelParams { explained_within, ..good };
+    assert!(matches!(LikelihoodFieldModel::new(&field(), blind), Err(Error::OutOfRange { .. })));
 }
 
 /// However dense the scan, its likelihood is that of as many independent beams.

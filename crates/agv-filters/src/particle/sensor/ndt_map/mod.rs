@@ -14,8 +14,8 @@
 #![expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set found at run time")]
 
 use super::{
-    MaxBeams, PoseLikelihood, ScanForm, SensorModel,
-    beams::evenly_spread,
+    PoseLikelihood, ScanForm, SensorModel, UsedBeams,
+    beams::hits,
     end_points::{BLOCK, EndPoints, Placement, PointBlock, Raster},
     weigh_per_pose,
 };
@@ -24,7 +24,7 @@ use agv_core::{
     geometry::{LieGroup, Se2},
     grid::GaussianGrid,
     roles::SkipReason,
-    sensors::{Beam, LaserScan},
+    sensors::LaserScan,
 };
 use nalgebra::Matrix2;
 use pulp::{Arch, Simd, WithSimd};
@@ -80,10 +80,7 @@ impl NdtMapModelParams {
         check::in_range("max_beams", self.max_beams as f64, 1.0, LaserScan::MAX_BEAMS as f64)?;
         check::positive("max_range", self.max_range)?;
         check::positive("explained_within", self.explained_within)?;
-        if let ScanForm::Product { independent_beams } = self.form {
-            check::positive("independent_beams", independent_beams)?;
-        }
-        Ok(())
+        self.form.validate()
     }
 }
 
@@ -187,15 +184,9 @@ impl NdtMapModel {
     }
 
     fn collect_ends(&mut self, scan: &LaserScan) -> usize {
-        let geometry = scan.geometry();
         self.ends.clear();
-        for index in evenly_spread(scan.len(), self.params.max_beams) {
-            let Beam::Hit(range) = scan.interpret(scan.ranges()[index]) else { continue };
-            if range <= self.params.max_range {
-                let (sin, cos) = geometry.angle(index).sin_cos();
-                let end = geometry.base_from_sensor.act(&[range * cos, range * sin].into());
-                self.ends.push(&(end * self.map.raster.cells_per_metre));
-            }
+        for (_, end) in hits(scan, self.params.max_beams, self.params.max_range) {
+            self.ends.push(&(end * self.map.raster.cells_per_metre));
         }
         self.ends.len()
     }
@@ -315,24 +306,24 @@ impl SensorModel<LaserScan> for NdtMapModel {
         if usable < needed {
             return Err(SkipReason::TooFewReadings { usable, needed });
         }
-        let power = match self.params.form {
-            ScanForm::Product { independent_beams } => (independent_beams / usable as f64).min(1.0),
-            ScanForm::SumOfCubes => 1.0,
-        };
-        let arch = Arch::new();
+        let (power, arch) = (self.params.form.power(usable), Arch::new());
         Ok(ScanOnDistributions { map: &self.map, ends: &self.ends, params: &self.params, power, arch })
     }
 
     fn independent_readings(&self) -> f64 {
-        self.params.form.independent_readings(self.params.max_beams)
+        self.params.form.independent_readings(self.ends.len())
     }
 }
 
 weigh_per_pose!(NdtMapModel: LaserScan);
 
-impl MaxBeams for NdtMapModel {
+impl UsedBeams for NdtMapModel {
     fn max_beams(&self) -> usize {
         self.params.max_beams
+    }
+
+    fn max_range(&self) -> f64 {
+        self.params.max_range
     }
 }
 
