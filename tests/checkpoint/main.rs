@@ -2,6 +2,7 @@
 //!
 //! A type is added by a line in the table of its subject.
 
+mod frames;
 mod grids;
 mod localization;
 mod params;
