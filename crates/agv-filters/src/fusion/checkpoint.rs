@@ -30,8 +30,16 @@ impl TryFrom<RawFilter> for FusionFilter {
         check::in_range("sources", sources.len() as f64, 0.0, MAX_SOURCES as f64)?;
         check::length("traffic", traffic.len(), sources.len())?;
         sources.iter().try_for_each(|source| source.params.validate(&params))?;
+        let mut is_taken = [false; MAX_ANCHORS];
         for slot in sources.iter().filter_map(|source| source.slot).chain(outlet) {
             check::in_range("slot", f64::from(slot), 0.0, MAX_ANCHORS as f64 - 1.0)?;
+            // Two that share an anchor would measure from each other's poses.
+            if std::mem::replace(&mut is_taken[usize::from(slot)], true) {
+                return Err(Error::TooMany { name: "owners of a slot", len: 2, max: 1 });
+            }
+        }
+        for source in &sources {
+            check::length("slots of a source", usize::from(source.slot.is_some()), usize::from(source.refers()))?;
         }
         if let Some(history) = &mut history {
             history.validate()?;
