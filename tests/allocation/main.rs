@@ -4,7 +4,7 @@
 
 mod counter;
 mod frames_and_solvers;
-mod fusion;
+mod gaussian;
 mod grids;
 mod localization;
 mod mapping;

@@ -2,6 +2,8 @@
 //!
 //! A type is added by a line in the table of its subject.
 
+mod frames;
+mod gaussian;
 mod grids;
 mod localization;
 mod params;

@@ -3,7 +3,9 @@
 use crate::{
     digest::{Digest, assert_same_bits},
     scenes::{
-        adaptive_bits, adaptive_filter, circle, filter_bits, initialized, localize, localize_adaptively, scan_filter,
+        adaptive_bits, adaptive_filter, circle, filter_bits, initialized,
+        kalman::{bootstrap, bootstrap_bits, run_bootstrap},
+        localize, localize_adaptively, scan_filter,
     },
 };
 use agv_nav::core::{
@@ -35,6 +37,15 @@ fn adaptive_monte_carlo_localisation_does_not_depend_on_threads() {
         let mut filter = adaptive_filter(par);
         assert!(localize_adaptively(&mut filter, &drive) > 0, "the drive must exercise the search");
         Digest::new().bits(adaptive_bits(&filter))
+    });
+}
+
+#[test]
+fn a_bootstrap_filter_does_not_depend_on_threads() {
+    assert_same_bits("BootstrapFilter", |par| {
+        let mut filter = bootstrap(par);
+        assert!(run_bootstrap(&mut filter, 0..8), "the drive must exercise resampling");
+        Digest::new().bits(bootstrap_bits(&filter))
     });
 }
 

@@ -1,6 +1,7 @@
 //! Small worlds that the acceptance tests share.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
+pub(crate) mod kalman;
 pub(crate) mod models;
 
 use agv_nav::core::nalgebra::Matrix3;

@@ -58,6 +58,12 @@ impl History {
         self.samples.back().map_or(Stamp::default(), |s| s.0)
     }
 
+    /// All samples, oldest first.
+    #[cfg(feature = "serde")]
+    pub(super) fn samples(&self) -> impl Iterator<Item = (Stamp, Se3)> + '_ {
+        self.samples.iter().copied()
+    }
+
     /// The pose at `stamp`, along the geodesic between its neighbours; `None` outside of the history.
     pub(super) fn at(&self, stamp: Stamp) -> Option<Se3> {
         let next = self.samples.partition_point(|(s, _)| *s < stamp);

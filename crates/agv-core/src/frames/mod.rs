@@ -2,6 +2,8 @@
 //!
 //! [`FrameTree`] is to this library what tf2 is to ROS, as a value: no clock, no threads, no messages.
 
+#[cfg(feature = "serde")]
+mod checkpoint;
 mod error;
 mod history;
 mod lookup;

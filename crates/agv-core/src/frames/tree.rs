@@ -59,11 +59,16 @@ impl Default for FrameTreeParams {
 /// # Ok::<(), agv_core::frames::FrameError>(())
 /// ```
 #[derive(Debug, Clone)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "super::checkpoint::StoredTree", into = "super::checkpoint::StoredTree")
+)]
 pub struct FrameTree {
     pub(super) frames: Vec<Frame>,
     /// Frames by name; a tree map, so that nothing depends on a hash's order.
     index: BTreeMap<String, usize>,
-    params: FrameTreeParams,
+    pub(super) params: FrameTreeParams,
 }
 
 #[derive(Debug, Clone)]
@@ -218,7 +223,7 @@ impl FrameTree {
         self.frames[child].edge = Some(Edge { parent, motion });
     }
 
-    fn add(&mut self, name: &str) -> usize {
+    pub(super) fn add(&mut self, name: &str) -> usize {
         if let Some(&known) = self.index.get(name) {
             return known;
         }

@@ -7,6 +7,7 @@ use crate::{
 
 /// Why a search for a pose ended.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 #[non_exhaustive]
 pub enum Termination {
     /// It found what it was looking for: the last step was below the tolerance, or every candidate was tried.
@@ -23,6 +24,14 @@ pub enum Termination {
 
 /// How a source fits a target, in the plane ([`Se2`](crate::geometry::Se2)) or in space ([`Se3`](crate::geometry::Se3)).
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(bound(
+        serialize = "G: serde::Serialize, G::Matrix: serde::Serialize",
+        deserialize = "G: serde::Deserialize<'de>, G::Matrix: serde::Deserialize<'de>"
+    ))
+)]
 #[non_exhaustive]
 pub struct Alignment<G: LieGroup> {
     /// Pose of the source in the target frame.

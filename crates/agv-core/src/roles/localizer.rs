@@ -123,6 +123,8 @@ pub enum SkipReason {
         /// Seconds from the observation to the end of the last motion; negative for one that is newer.
         age: f64,
     },
+    /// There was an observation of this sensor with this very stamp.
+    Duplicate,
     /// No hypothesis of the belief explains the observation at all.
     Unexplained,
 }

@@ -1,7 +1,7 @@
 //! A filter as it is stored, before it is checked.
 
 use super::{
-    FusionFilter, FusionParams,
+    FusionFilter, FusionParams, RoleInput, SourceId,
     filter::Traffic,
     history::History,
     source::{MAX_SOURCES, Source},
@@ -18,6 +18,7 @@ pub(super) struct RawFilter {
     timed: bool,
     strange: u32,
     outlet: Option<u8>,
+    inputs: Vec<(RoleInput, SourceId)>,
     monitor: StatusMonitor,
 }
 
@@ -25,18 +26,29 @@ impl TryFrom<RawFilter> for FusionFilter {
     type Error = Error;
 
     fn try_from(raw: RawFilter) -> Result<Self, Error> {
-        let RawFilter { params, sources, traffic, mut history, timed, strange, outlet, monitor } = raw;
+        let RawFilter { params, sources, traffic, mut history, timed, strange, outlet, inputs, monitor } = raw;
         let fresh = Self::new(params)?;
         check::in_range("sources", sources.len() as f64, 0.0, MAX_SOURCES as f64)?;
         check::length("traffic", traffic.len(), sources.len())?;
         sources.iter().try_for_each(|source| source.params.validate(&params))?;
+        let mut is_taken = [false; MAX_ANCHORS];
         for slot in sources.iter().filter_map(|source| source.slot).chain(outlet) {
             check::in_range("slot", f64::from(slot), 0.0, MAX_ANCHORS as f64 - 1.0)?;
+            // Two that share an anchor would measure from each other's poses.
+            if std::mem::replace(&mut is_taken[usize::from(slot)], true) {
+                return Err(Error::TooMany { name: "owners of a slot", len: 2, max: 1 });
+            }
+        }
+        for source in &sources {
+            check::length("slots of a source", usize::from(source.slot.is_some()), usize::from(source.refers()))?;
+        }
+        if inputs.iter().any(|(_, source)| source.index() >= sources.len()) {
+            return Err(Error::Empty { name: "source that is connected" });
         }
         if let Some(history) = &mut history {
             history.validate()?;
             history.reserve(params.capacity);
         }
-        Ok(Self { sources, traffic, history, timed, strange, outlet, monitor, ..fresh })
+        Ok(Self { sources, traffic, history, timed, strange, outlet, inputs, monitor, ..fresh })
     }
 }

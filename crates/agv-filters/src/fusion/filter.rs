@@ -1,7 +1,7 @@
 //! The filter.
 
 use super::{
-    FusionOutcome, FusionParams, Measurement, Reference, SourceId, SourceParams,
+    FusionOutcome, FusionParams, Measurement, Reference, RoleInput, SourceId, SourceParams,
     happen::happen,
     history::{Event, Happening, History, NoPlace},
     linearize::anchored_at,
@@ -77,6 +77,8 @@ pub struct FusionFilter {
     pub(super) strange: u32,
     /// Anchor of the motion that is handed out.
     pub(super) outlet: Option<u8>,
+    /// Which source takes what comes in through the roles.
+    pub(super) inputs: Vec<(RoleInput, SourceId)>,
     pub(super) monitor: StatusMonitor,
 }
 
@@ -102,6 +104,7 @@ impl FusionFilter {
             timed: false,
             strange: 0,
             outlet: None,
+            inputs: Vec::new(),
             monitor: StatusMonitor::new(params.status)?,
         })
     }

@@ -9,6 +9,8 @@
 //! - what users of such filters meet is mended by construction: a motion is measured between two poses of the state, so its
 //!   covariance is right however it is sampled; velocities that nobody measures do not grow without bound; a clock that jumps is
 //!   noticed; and [`SourceDiagnostics`] say which source disagrees.
+//! - behind [`Localizer`](agv_core::roles::Localizer) and [`Correct`](agv_core::roles::Correct) it can take any other filter's
+//!   place: [`FusionFilter::connect`] says which source is meant.
 //!
 //! The covariance is one of right increments, in the frame of the base.
 
@@ -24,6 +26,7 @@ mod measurement;
 mod params;
 mod process;
 mod report;
+mod role;
 mod source;
 mod state;
 
@@ -31,6 +34,7 @@ pub use filter::FusionFilter;
 pub use measurement::Measurement;
 pub use params::{FusionParams, MotionParams, Wander};
 pub use report::{FusedState, FusionOutcome, SourceDiagnostics};
+pub use role::RoleInput;
 pub use source::{Components, MotionNoise, NoiseFloor, Reference, SourceId, SourceParams};
 
 #[cfg(test)]

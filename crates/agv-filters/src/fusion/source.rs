@@ -287,6 +287,12 @@ impl TryFrom<RawSource> for Source {
 }
 
 impl Source {
+    /// Whether its poses refer to one another, so that it needs an anchor.
+    #[cfg(feature = "serde")]
+    pub(super) fn refers(&self) -> bool {
+        self.params.reference != Reference::Map
+    }
+
     pub(super) fn new(params: SourceParams, slot: Option<u8>, filter: &FusionParams) -> Result<Self, Error> {
         params.validate(filter)?;
         Ok(Self { params, slot, gate: params.passing()? })

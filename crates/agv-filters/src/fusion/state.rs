@@ -182,7 +182,20 @@ impl State {
         }
         check::all_finite("twist", Vector3::from(self.twist).iter())?;
         check::all_finite("acceleration", self.acceleration.iter())?;
-        check::all_finite("calibration", &[self.gyro_bias, self.distance_scale, self.yaw_scale])?;
-        check::all_finite("covariance", self.covariance.iter().flatten())
+        check::finite("gyro_bias", self.gyro_bias)?;
+        check::in_range("distance_scale", self.distance_scale, -MOST_SCALE, MOST_SCALE)?;
+        check::in_range("yaw_scale", self.yaw_scale, -MOST_SCALE, MOST_SCALE)?;
+        check::all_finite("covariance", self.covariance.iter().flatten())?;
+        for (i, column) in self.covariance.iter().enumerate() {
+            for (j, &entry) in column.iter().enumerate().take(i + 1) {
+                // Clones of poses leave the matrix singular: a stricter check would refuse what rounding makes of that.
+                let largest = (column[i] * self.covariance[j][j]).max(0.0).sqrt() * (1.0 + 1e-6) + 1e-12;
+                let off = (entry - self.covariance[j][i]).abs();
+                if column[i] < -1e-12 || entry.abs() > largest || off > 1e-9 * largest {
+                    return Err(Error::NotCovariance { name: "covariance", pivot: entry });
+                }
+            }
+        }
+        Ok(())
     }
 }

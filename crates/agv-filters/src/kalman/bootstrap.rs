@@ -6,6 +6,8 @@
 //! place, and the judgement of the other filters.
 
 use super::{GaussianBelief, Manifold, MeasurementModel, ProcessModel};
+#[cfg(feature = "serde")]
+use crate::particle::ParticleState;
 use crate::particle::{
     EffectiveSampleSizeBelow, ParticleSet, ResampleContext, ResamplePolicy, Resampler, Systematic, WeightSummary,
     semidefinite_root,
@@ -38,17 +40,57 @@ use rand_distr::{Distribution, StandardNormal};
 /// assert!(filter.estimate()?.sigma(0) < 0.2);
 /// # Ok::<(), agv_core::Error>(())
 /// ```
+///
+/// A filter that was stored goes on with the same bits.
 #[derive(Debug, Clone)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(
+        from = "RawFilter<X, R, P>",
+        bound(
+            serialize = "X: ParticleState + serde::Serialize, R: serde::Serialize, P: serde::Serialize",
+            deserialize = "X: ParticleState + serde::Deserialize<'de>, R: serde::Deserialize<'de>, P: serde::Deserialize<'de>"
+        )
+    )
+)]
 pub struct BootstrapFilter<X, const N: usize, R = Systematic, P = EffectiveSampleSizeBelow> {
     particles: ParticleSet<X>,
     resampler: R,
     policy: P,
+    /// Scratch, as long as the set's capacity.
+    #[cfg_attr(feature = "serde", serde(skip_serializing))]
     log_likelihoods: Vec<f64>,
     seed: Seed,
     step: u64,
     /// Updates since the particles were last drawn anew.
     updates: u64,
     par: Par,
+}
+
+/// A filter as it is stored.
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+#[serde(bound(
+    deserialize = "X: ParticleState + serde::Deserialize<'de>, R: serde::Deserialize<'de>, P: serde::Deserialize<'de>"
+))]
+struct RawFilter<X, R, P> {
+    particles: ParticleSet<X>,
+    resampler: R,
+    policy: P,
+    seed: Seed,
+    step: u64,
+    updates: u64,
+    par: Par,
+}
+
+#[cfg(feature = "serde")]
+impl<X: ParticleState, const N: usize, R, P> From<RawFilter<X, R, P>> for BootstrapFilter<X, N, R, P> {
+    fn from(raw: RawFilter<X, R, P>) -> Self {
+        let RawFilter { particles, resampler, policy, seed, step, updates, par } = raw;
+        let log_likelihoods = vec![0.0; particles.capacity()];
+        Self { particles, resampler, policy, log_likelihoods, seed, step, updates, par }
+    }
 }
 
 impl<X: Manifold<N>, const N: usize> BootstrapFilter<X, N> {

@@ -14,18 +14,19 @@
 //!
 //! with `G` the Jacobian of the reset, `Jr(δ_x)` on the pose.
 
+use super::{AugmentedPose, Ekf, Gate, MeasurementModel, ProcessModel, Transition};
 use agv_core::{
     Error, check,
     geometry::{LieGroup, Se2, UncertainPose},
     odometry::OdometryIncrement,
     roles::{
-        Correct, LocalizationError, LocalizationStatus, Localizer, PoseBelief, PoseEstimate, SkipReason, StatusMonitor,
-        StatusParams, UpdateOutcome, UpdateReport,
+        Correct, LocalizationError, LocalizationStatus, Localizer, PoseBelief, PoseEstimate, StatusMonitor,
+        StatusParams, UpdateOutcome,
     },
     sensors::PoseObservation,
     time::Stamp,
 };
-use nalgebra::{Matrix3, Matrix4, Matrix4x3, SMatrix, Vector3};
+use nalgebra::{Matrix3, Matrix3x4, Matrix4, Vector1, Vector3};
 
 /// Parameters of a [`PoseFilter`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -64,16 +65,8 @@ impl Default for PoseFilterParams {
     }
 }
 
-/// What is known.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-struct Belief {
-    map_from_base: Se2,
-    yaw_scale: f64,
-    /// Of the pose's right increment and the scale.
-    covariance: Matrix4<f64>,
-    stamp: Option<Stamp>,
-}
+/// The pose and the odometry's yaw scale.
+type State = AugmentedPose<1>;
 
 /// A Kalman filter for the pose; the roles [`Localizer`] and [`Correct<PoseObservation<Se2>>`].
 ///
@@ -109,7 +102,8 @@ struct Belief {
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "RawFilter"))]
 pub struct PoseFilter {
     params: PoseFilterParams,
-    belief: Option<Belief>,
+    ekf: Option<Ekf<State, 4>>,
+    stamp: Option<Stamp>,
     monitor: StatusMonitor,
 }
 
@@ -118,7 +112,8 @@ pub struct PoseFilter {
 #[derive(serde::Deserialize)]
 struct RawFilter {
     params: PoseFilterParams,
-    belief: Option<Belief>,
+    ekf: Option<Ekf<State, 4>>,
+    stamp: Option<Stamp>,
     monitor: StatusMonitor,
 }
 
@@ -128,13 +123,10 @@ impl TryFrom<RawFilter> for PoseFilter {
 
     fn try_from(raw: RawFilter) -> Result<Self, Error> {
         let fresh = Self::new(raw.params)?;
-        if let Some(belief) = &raw.belief {
-            let pose = belief.map_from_base;
-            check::all_finite("pose", &[pose.x(), pose.y(), pose.yaw()])?;
-            check::in_range("yaw_scale", belief.yaw_scale, -MOST_SCALE, MOST_SCALE)?;
-            check::covariance("covariance", &belief.covariance)?;
+        if let Some(ekf) = &raw.ekf {
+            check::in_range("yaw_scale", ekf.state().extra[0], -MOST_SCALE, MOST_SCALE)?;
         }
-        Ok(Self { belief: raw.belief, monitor: raw.monitor, ..fresh })
+        Ok(Self { ekf: raw.ekf, stamp: raw.stamp, monitor: raw.monitor, ..fresh })
     }
 }
 
@@ -155,8 +147,8 @@ impl PoseFilter {
         check::non_negative("yaw_variance_per_radian", params.yaw_variance_per_radian)?;
         check::in_range("yaw_scale_sigma", params.yaw_scale_sigma, 0.0, MOST_SCALE)?;
         check::non_negative("yaw_scale_walk", params.yaw_scale_walk)?;
-        check::in_range("gate", params.gate, f64::MIN_POSITIVE, f64::INFINITY)?;
-        Ok(Self { params, belief: None, monitor: StatusMonitor::new(params.status)? })
+        Gate::at_limit(params.gate)?;
+        Ok(Self { params, ekf: None, stamp: None, monitor: StatusMonitor::new(params.status)? })
     }
 
     /// The parameters it was built with.
@@ -167,21 +159,72 @@ impl PoseFilter {
     /// Share by which turns are greater than the odometry says, and its standard deviation: -0.03 where 3 % of every turn is
     /// lost. None before there is a belief.
     pub fn yaw_scale(&self) -> Option<(f64, f64)> {
-        self.belief.map(|belief| (belief.yaw_scale, belief.covariance[(3, 3)].max(0.0).sqrt()))
-    }
-
-    /// Adopts a belief, if its numbers can be an estimate.
-    fn adopt(&mut self, belief: Belief) -> Result<UncertainPose<Se2>, Error> {
-        let pose = belief.pose()?;
-        check::all_finite("covariance", belief.covariance.iter())?;
-        self.belief = Some(belief);
-        Ok(pose)
+        self.ekf.map(|ekf| (ekf.state().extra[0], ekf.belief().sigma(3)))
     }
 }
 
-impl Belief {
-    fn pose(&self) -> Result<UncertainPose<Se2>, Error> {
-        UncertainPose::new(self.map_from_base, self.covariance.fixed_view::<3, 3>(0, 0).into_owned())
+fn pose_of(ekf: &Ekf<State, 4>) -> Result<UncertainPose<Se2>, Error> {
+    UncertainPose::new(ekf.state().map_from_base, ekf.covariance().fixed_view::<3, 3>(0, 0).into_owned())
+}
+
+/// Odometry that misreads turns by the state's scale.
+struct ScaledOdometry(PoseFilterParams);
+
+impl ProcessModel<State, 4> for ScaledOdometry {
+    type Control = OdometryIncrement;
+
+    fn transition(&self, state: &State, odometry: &OdometryIncrement, dt: f64) -> State {
+        self.linearize(state, odometry, dt).state
+    }
+
+    fn jacobian(&self, state: &State, odometry: &OdometryIncrement, dt: f64) -> Matrix4<f64> {
+        self.linearize(state, odometry, dt).jacobian
+    }
+
+    fn noise(&self, state: &State, odometry: &OdometryIncrement, dt: f64) -> Matrix4<f64> {
+        self.linearize(state, odometry, dt).noise
+    }
+
+    fn linearize(&self, state: &State, odometry: &OdometryIncrement, _: f64) -> Transition<State, 4> {
+        let read = odometry.start_from_end.log();
+        let moved = Vector3::new(read.x, read.y, read.z * (1.0 + state.extra[0]));
+        let step = Se2::exp(&moved);
+        let mut jacobian = Matrix4::identity();
+        jacobian.fixed_view_mut::<3, 3>(0, 0).copy_from(&step.inverse().adjoint());
+        let by_scale = Se2::right_jacobian(&moved) * Vector3::new(0.0, 0.0, read.z);
+        jacobian.fixed_view_mut::<3, 1>(0, 3).copy_from(&by_scale);
+
+        let (p, driven, turned) = (&self.0, read.x.hypot(read.y), read.z.abs());
+        let position = p.position_variance_per_metre * driven;
+        let yaw = p.yaw_variance_per_metre * driven + p.yaw_variance_per_radian * turned;
+        let own = Matrix3::from_diagonal(&Vector3::new(position, position, yaw));
+        let mut noise = Matrix4::zeros();
+        noise.fixed_view_mut::<3, 3>(0, 0).copy_from(&(odometry.covariance + own));
+        noise[(3, 3)] = if p.yaw_scale_sigma > 0.0 { p.yaw_scale_walk * turned } else { 0.0 };
+        Transition { state: AugmentedPose { map_from_base: state.map_from_base * step, ..*state }, jacobian, noise }
+    }
+}
+
+/// A pose whose difference from the expected one is taken along the axes of the vehicle, as its covariance is.
+struct OnVehicle(Matrix3<f64>);
+
+impl MeasurementModel<State, 4, 3> for OnVehicle {
+    type Value = Se2;
+
+    fn predict(&self, state: &State) -> Se2 {
+        state.map_from_base
+    }
+
+    fn jacobian(&self, _: &State) -> Matrix3x4<f64> {
+        Matrix3x4::identity()
+    }
+
+    fn noise(&self, _: &State) -> Matrix3<f64> {
+        self.0
+    }
+
+    fn residual(&self, measured: &Se2, expected: &Se2) -> Vector3<f64> {
+        measured.minus(expected)
     }
 }
 
@@ -198,48 +241,30 @@ impl Localizer for PoseFilter {
         let mut covariance = Matrix4::zeros();
         covariance.fixed_view_mut::<3, 3>(0, 0).copy_from(pose.covariance());
         covariance[(3, 3)] = self.params.yaw_scale_sigma * self.params.yaw_scale_sigma;
-        self.adopt(Belief { map_from_base: *pose.mean(), yaw_scale: 0.0, covariance, stamp: None })?;
+        let state = AugmentedPose { map_from_base: *pose.mean(), extra: Vector1::zeros() };
+        (self.ekf, self.stamp) = (Some(Ekf::new(state, covariance)?), None);
         self.monitor.initialized(pose);
         Ok(())
     }
 
     fn predict(&mut self, odometry: &OdometryIncrement) -> Result<(), LocalizationError> {
-        let belief = self.belief.ok_or(LocalizationError::NotInitialized)?;
+        let mut ekf = self.ekf.ok_or(LocalizationError::NotInitialized)?;
         let motion = odometry.start_from_end;
         check::all_finite("odometry", &[motion.x(), motion.y(), motion.yaw()])?;
         check::in_range("odometry run", motion.translation().norm(), 0.0, LARGEST)?;
         check::covariance("odometry covariance", &odometry.covariance)?;
         check::in_range("odometry covariance", odometry.covariance.amax(), 0.0, LARGEST * LARGEST)?;
-        let read = motion.log();
-        let moved = Vector3::new(read.x, read.y, read.z * (1.0 + belief.yaw_scale));
-        let step = Se2::exp(&moved);
-
-        let mut transition = Matrix4::identity();
-        transition.fixed_view_mut::<3, 3>(0, 0).copy_from(&step.inverse().adjoint());
-        let by_scale = Se2::right_jacobian(&moved) * Vector3::new(0.0, 0.0, read.z);
-        transition.fixed_view_mut::<3, 1>(0, 3).copy_from(&by_scale);
-        let p = &self.params;
-        let (driven, turned) = (read.x.hypot(read.y), read.z.abs());
-        let position = p.position_variance_per_metre * driven;
-        let yaw = p.yaw_variance_per_metre * driven + p.yaw_variance_per_radian * turned;
-        let mut noise = Matrix4::zeros();
-        let own = Matrix3::from_diagonal(&Vector3::new(position, position, yaw));
-        noise.fixed_view_mut::<3, 3>(0, 0).copy_from(&(odometry.covariance + own));
-        noise[(3, 3)] = if p.yaw_scale_sigma > 0.0 { p.yaw_scale_walk * turned } else { 0.0 };
-
-        let pose = self.adopt(Belief {
-            map_from_base: belief.map_from_base * step,
-            covariance: symmetric(&(transition * belief.covariance * transition.transpose() + noise)),
-            stamp: Some(odometry.end),
-            ..belief
-        })?;
+        // The motion counts, not its duration: clocks of logs step back.
+        ekf.predict(&ScaledOdometry(self.params), odometry, 0.0)?;
+        let pose = pose_of(&ekf)?;
+        (self.ekf, self.stamp) = (Some(ekf), Some(odometry.end));
         self.monitor.moved(&pose);
         Ok(())
     }
 
     fn estimate(&self) -> Option<PoseEstimate<Se2>> {
-        let belief = self.belief?;
-        Some(PoseEstimate { stamp: belief.stamp, ..PoseEstimate::new(belief.pose().ok()?) })
+        let pose = pose_of(self.ekf.as_ref()?).ok()?;
+        Some(PoseEstimate { stamp: self.stamp, ..PoseEstimate::new(pose) })
     }
 
     fn status(&self) -> LocalizationStatus {
@@ -255,51 +280,22 @@ impl Correct<PoseObservation<Se2>> for PoseFilter {
     /// [`LocalizationError::NotInitialized`]; a measured pose whose covariance leaves nothing to weigh by: it and the
     /// belief's are both singular.
     fn update(&mut self, observation: &PoseObservation<Se2>) -> Result<UpdateOutcome, LocalizationError> {
-        let belief = self.belief.ok_or(LocalizationError::NotInitialized)?;
-        let seen = observation.map_from_base();
-        let innovation = seen.mean().minus(&belief.map_from_base);
-        let spread: Matrix3<f64> = belief.covariance.fixed_view::<3, 3>(0, 0) + seen.covariance();
-        check::positive_definite("covariance of the innovation", &spread)?;
-        let singular = Error::Singular { name: "covariance of the innovation", row: 0, pivot: 0.0 };
-        let inverse = Se2::inverse_of(&spread).ok_or(singular)?;
-        let nis = innovation.dot(&(inverse * innovation));
-        let outcome = if nis > self.params.gate {
-            UpdateOutcome::Skipped(SkipReason::Gated { nis, limit: self.params.gate })
-        } else {
-            let gain: Matrix4x3<f64> = belief.covariance.fixed_view::<4, 3>(0, 0) * inverse;
-            let corrected = corrected(&belief, &gain, &innovation, seen.covariance());
-            self.adopt(Belief { stamp: belief.stamp.or(Some(observation.stamp())), ..corrected })?;
-            let mut report = UpdateReport::explaining(1.0);
-            report.nis = Some(nis);
-            UpdateOutcome::Applied(report)
-        };
-        let pose = self.belief.unwrap_or(belief).pose()?;
+        let mut ekf = self.ekf.ok_or(LocalizationError::NotInitialized)?;
+        let (seen, gate) = (observation.map_from_base(), Gate::at_limit(self.params.gate)?);
+        let correction = ekf.update(&OnVehicle(*seen.covariance()), seen.mean(), &gate)?;
+        let scale = ekf.state().extra[0];
+        if scale.abs() > MOST_SCALE {
+            let state = AugmentedPose { extra: Vector1::new(scale.clamp(-MOST_SCALE, MOST_SCALE)), ..*ekf.state() };
+            ekf = Ekf::new(state, *ekf.covariance())?;
+        }
+        let pose = pose_of(&ekf)?;
+        if correction.accepted {
+            (self.ekf, self.stamp) = (Some(ekf), self.stamp.or(Some(observation.stamp())));
+        }
+        let outcome = correction.into();
         self.monitor.updated(&pose, &outcome);
         Ok(outcome)
     }
-}
-
-/// The belief after a correction by `gain * innovation`, in Joseph's form, which keeps the covariance one.
-fn corrected(belief: &Belief, gain: &Matrix4x3<f64>, innovation: &Vector3<f64>, noise: &Matrix3<f64>) -> Belief {
-    let correction = gain * innovation;
-    let by_pose = correction.fixed_rows::<3>(0).into_owned();
-    let mut keep = Matrix4::identity();
-    let mut pose_columns = keep.fixed_view_mut::<4, 3>(0, 0);
-    pose_columns -= gain;
-    let joseph = keep * belief.covariance * keep.transpose() + gain * noise * gain.transpose();
-    let mut reset = Matrix4::identity();
-    reset.fixed_view_mut::<3, 3>(0, 0).copy_from(&Se2::right_jacobian(&by_pose));
-    Belief {
-        map_from_base: belief.map_from_base.plus(&by_pose),
-        yaw_scale: (belief.yaw_scale + correction.w).clamp(-MOST_SCALE, MOST_SCALE),
-        covariance: symmetric(&(reset * joseph * reset.transpose())),
-        stamp: belief.stamp,
-    }
-}
-
-/// Products round to slightly asymmetric matrices.
-fn symmetric<const N: usize>(matrix: &SMatrix<f64, N, N>) -> SMatrix<f64, N, N> {
-    (matrix + matrix.transpose()) * 0.5
 }
 
 #[cfg(test)]

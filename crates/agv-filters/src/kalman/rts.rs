@@ -14,7 +14,15 @@ use agv_core::{Error, check};
 use nalgebra::SMatrix;
 
 /// One prediction, and what was known before and after it.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(
+        try_from = "RawStep<X, N>",
+        bound(serialize = "X: serde::Serialize", deserialize = "X: Manifold<N> + serde::Deserialize<'de>")
+    )
+)]
 struct Step<X, const N: usize> {
     before: GaussianBelief<X, N>,
     jacobian: SMatrix<f64, N, N>,
@@ -22,9 +30,33 @@ struct Step<X, const N: usize> {
     predicted: GaussianBelief<X, N>,
 }
 
+/// A step as it is stored, before it is checked.
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+#[serde(bound(deserialize = "X: Manifold<N> + serde::Deserialize<'de>"))]
+struct RawStep<X, const N: usize> {
+    before: GaussianBelief<X, N>,
+    jacobian: SMatrix<f64, N, N>,
+    noise: SMatrix<f64, N, N>,
+    predicted: GaussianBelief<X, N>,
+}
+
+#[cfg(feature = "serde")]
+impl<X, const N: usize> TryFrom<RawStep<X, N>> for Step<X, N> {
+    type Error = Error;
+
+    fn try_from(raw: RawStep<X, N>) -> Result<Self, Error> {
+        let RawStep { before, jacobian, noise, predicted } = raw;
+        check::all_finite("jacobian", jacobian.iter())?;
+        check::covariance("noise", &noise)?;
+        Ok(Self { before, jacobian, noise, predicted })
+    }
+}
+
 /// An [`Ekf`] that remembers what it went through, to be smoothed.
 ///
-/// It grows by a step with each prediction (about a kilobyte for five states).
+/// It grows by a step with each prediction (about a kilobyte for five states), within the memory that it was
+/// [given](Self::with_capacity) or has from an earlier drive ([`restart`](Self::restart)) without allocating.
 ///
 /// ```
 /// use agv_core::nalgebra::{Matrix1, Matrix2, RowVector2, Vector1, Vector2};
@@ -43,7 +75,12 @@ struct Step<X, const N: usize> {
 /// assert!((smoothed[0].state()[1] - 0.5).abs() < 0.1 && smoothed[0].sigma(1) < 0.1);
 /// # Ok::<(), agv_core::Error>(())
 /// ```
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(bound(serialize = "X: serde::Serialize", deserialize = "X: Manifold<N> + serde::Deserialize<'de>"))
+)]
 pub struct RtsSmoother<X, const N: usize> {
     ekf: Ekf<X, N>,
     steps: Vec<Step<X, N>>,
@@ -53,6 +90,19 @@ impl<X: Manifold<N>, const N: usize> RtsSmoother<X, N> {
     /// A smoother over what this filter will go through.
     pub const fn new(ekf: Ekf<X, N>) -> Self {
         Self { ekf, steps: Vec::new() }
+    }
+
+    /// The same smoother with room for as many predictions in all.
+    #[must_use]
+    pub fn with_capacity(mut self, predictions: usize) -> Self {
+        self.steps.reserve(predictions.saturating_sub(self.steps.len()));
+        self
+    }
+
+    /// Forgets the drive and begins another one with this filter; the memory is kept.
+    pub fn restart(&mut self, ekf: Ekf<X, N>) {
+        self.steps.clear();
+        self.ekf = ekf;
     }
 
     /// The filter as it stands.

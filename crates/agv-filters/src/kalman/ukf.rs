@@ -83,9 +83,37 @@ impl Weights {
 /// # Ok::<(), agv_core::Error>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(
+        try_from = "RawUkf<X, N>",
+        bound(serialize = "X: serde::Serialize", deserialize = "X: Manifold<N> + serde::Deserialize<'de>")
+    )
+)]
 pub struct Ukf<X, const N: usize> {
     belief: GaussianBelief<X, N>,
+    params: UkfParams,
+    #[cfg_attr(feature = "serde", serde(skip_serializing))]
     weights: Weights,
+}
+
+/// A filter as it is stored, before it is checked.
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+#[serde(bound(deserialize = "X: Manifold<N> + serde::Deserialize<'de>"))]
+struct RawUkf<X, const N: usize> {
+    belief: GaussianBelief<X, N>,
+    params: UkfParams,
+}
+
+#[cfg(feature = "serde")]
+impl<X, const N: usize> TryFrom<RawUkf<X, N>> for Ukf<X, N> {
+    type Error = Error;
+
+    fn try_from(RawUkf { belief, params }: RawUkf<X, N>) -> Result<Self, Error> {
+        Ok(Self { belief, params, weights: Weights::new(&params, N)? })
+    }
 }
 
 impl<X: Manifold<N>, const N: usize> Ukf<X, N> {
@@ -94,7 +122,13 @@ impl<X: Manifold<N>, const N: usize> Ukf<X, N> {
     /// # Errors
     /// Those of [`GaussianBelief::new`]; [`Error::NotPositive`] for `alpha` or `N + kappa`, [`Error::NotFinite`].
     pub fn new(state: X, covariance: SMatrix<f64, N, N>, params: &UkfParams) -> Result<Self, Error> {
-        Ok(Self { belief: GaussianBelief::new(state, covariance)?, weights: Weights::new(params, N)? })
+        let belief = GaussianBelief::new(state, covariance)?;
+        Ok(Self { belief, params: *params, weights: Weights::new(params, N)? })
+    }
+
+    /// The parameters it was built with.
+    pub const fn params(&self) -> &UkfParams {
+        &self.params
     }
 
     /// What is known.

@@ -79,9 +79,27 @@ impl MarkerFix {
 /// # Ok::<(), agv_core::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "RawLocalizer"))]
 pub struct MarkerLocalizer {
     map: MarkerMap,
     params: MarkerLocalizerParams,
+}
+
+/// A localizer as it is stored, before it is checked.
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+struct RawLocalizer {
+    map: MarkerMap,
+    params: MarkerLocalizerParams,
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<RawLocalizer> for MarkerLocalizer {
+    type Error = Error;
+
+    fn try_from(RawLocalizer { map, params }: RawLocalizer) -> Result<Self, Error> {
+        Self::new(map, params)
+    }
 }
 
 impl MarkerLocalizer {

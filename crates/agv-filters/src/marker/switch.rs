@@ -75,7 +75,7 @@ pub struct SwitchInput {
 /// # Ok::<(), agv_core::Error>(())
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "RawSwitch"))]
 pub struct SourceSwitch {
     params: SourceSwitchParams,
     source: PoseSource,
@@ -83,6 +83,26 @@ pub struct SourceSwitch {
     in_a_row: u32,
     /// Distance driven since one was seen, in metres.
     since_seen: f64,
+}
+
+/// A switch as it is stored, before it is checked.
+#[cfg(feature = "serde")]
+#[derive(serde::Deserialize)]
+struct RawSwitch {
+    params: SourceSwitchParams,
+    source: PoseSource,
+    in_a_row: u32,
+    since_seen: f64,
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<RawSwitch> for SourceSwitch {
+    type Error = Error;
+
+    fn try_from(RawSwitch { params, source, in_a_row, since_seen }: RawSwitch) -> Result<Self, Error> {
+        check::non_negative("since_seen", since_seen)?;
+        Ok(Self { source, in_a_row, since_seen, ..Self::new(params)? })
+    }
 }
 
 impl SourceSwitch {

@@ -116,7 +116,7 @@ impl FreeSpace {
         self.pose_in(cell, stream.random(), stream)
     }
 
-    /// The pose `index` of `count` that are spread over area and heading (001's improved swarm): each lies in its own of `count`
+    /// The pose `index` of `count` that are spread over area and heading, as an [`ImprovedSwarm`](super::ImprovedSwarm) spreads them: each lies in its own of `count`
     /// equal parts of the area, and the headings follow each other by the golden ratio of a turn, so that those of poses that
     /// are numbered close to each other differ as much as they can.
     ///

@@ -29,6 +29,7 @@ mod sensor;
 mod set;
 #[cfg(test)]
 mod simd;
+mod swarm;
 mod temper;
 mod trig;
 mod update_policy;
@@ -50,7 +51,8 @@ pub use motion::{
     OmnidirectionalNoise, OmnidirectionalOdometryModel, PriorMotionModel, PriorNoise, VelocityModel, VelocityNoise,
 };
 pub use proposal::{
-    LikelihoodSearch, LikelihoodSearchParams, ObservedPose, PoseProposal, ProposalContext, UniformProposal,
+    LikelihoodSearch, LikelihoodSearchParams, ObservedPose, PoseProposal, ProposalContext,
+    UniformProposal,
 };
 pub use recovery::{Recovery, RecoveryParams};
 pub use resample::{Multinomial, Resampler, Residual, Stratified, Systematic};
@@ -62,5 +64,6 @@ pub use sensor::{
     NdtMapModelParams, PerPose, PoseLikelihood, ScanForm, SensorModel, Sensors, UsedBeams, WeighParticles,
 };
 pub use set::{ParticleSet, ParticleState};
+pub use swarm::{AroundPose, BlendedPoses, ImprovedSwarm, InitialPoses, StratifiedPoses, SwarmParams, UniformPoses};
 pub use update_policy::{MotionThreshold, UpdateContext, UpdatePolicy};
 pub use weights::WeightSummary;

@@ -3,6 +3,7 @@
 mod consistency;
 mod limits;
 mod order;
+mod roles;
 mod sources;
 
 use super::*;

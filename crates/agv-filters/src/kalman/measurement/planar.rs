@@ -197,8 +197,8 @@ mod tests {
         }
     }
 
-    /// A measured pose corrects as it does in the pose filter, which is written for it alone; to first order, since the
-    /// residual there is along the vehicle's axes.
+    /// A measured pose corrects as it does in the pose filter; to first order, since the residual there is along the vehicle's
+    /// axes.
     #[test]
     fn poses_correct_as_in_the_pose_filter() {
         let (start, spread) =

@@ -2,7 +2,7 @@ use super::*;
 use agv_core::{
     compute::{Seed, Stream},
     geometry::{Twist2, wrap_angle},
-    roles::laws,
+    roles::{SkipReason, laws},
     sensors::SensorId,
 };
 use rand_distr::{Distribution, StandardNormal};
@@ -91,10 +91,8 @@ fn errors_are_as_large_as_the_covariance_says() {
             let UpdateOutcome::Applied(report) = filter.update(&seen).unwrap() else { panic!("gated") };
             nis += report.nis.unwrap();
         }
-        let belief = filter.belief.unwrap();
-        let pose = drive.truth.minus(&belief.map_from_base);
-        let error = nalgebra::Vector4::new(pose.x, pose.y, pose.z, drive.scale - belief.yaw_scale);
-        nees += error.dot(&(belief.covariance.cholesky().unwrap().inverse() * error));
+        let truth = AugmentedPose { map_from_base: drive.truth, extra: Vector1::new(drive.scale) };
+        nees += filter.ekf.unwrap().belief().nees(&truth).unwrap();
     }
     for (sum, degrees, count) in [(nees, 4.0, f64::from(runs)), (nis, 3.0, f64::from(runs * cycles))] {
         let deviation = (2.0 * degrees * count).sqrt();
@@ -166,11 +164,22 @@ fn a_pose_beyond_the_gate_changes_nothing() {
     let (mut filter, mut drive) = started(PoseFilterParams::default(), 5);
     let (motion, _) = drive.step(&twist_at(0));
     filter.predict(&motion).unwrap();
-    let before = filter.belief;
+    let before = filter.ekf;
     let far = UncertainPose::new(drive.truth * Se2::new(0.5, 0.0, 0.0), measured_noise()).unwrap();
     let outcome = filter.update(&PoseObservation::new(drive.now, far)).unwrap();
     assert!(matches!(outcome, UpdateOutcome::Skipped(SkipReason::Gated { nis, limit: 21.1 }) if nis > 100.0));
-    assert_eq!(filter.belief, before);
+    assert_eq!(filter.ekf, before);
+}
+
+/// The Jacobian of the process against differences.
+#[test]
+fn the_model_is_its_own_derivative() {
+    let mut drive = Drive::new(3, PoseFilterParams::default());
+    for cycle in 0..50 {
+        let (motion, _) = drive.step(&twist_at(5 * cycle));
+        let state = AugmentedPose { map_from_base: drive.truth, extra: Vector1::new(0.2) };
+        assert!(crate::kalman::laws::process_jacobian(&ScaledOdometry(drive.params), &state, &motion, DT) < 1e-8);
+    }
 }
 
 #[test]
@@ -236,6 +245,6 @@ fn a_stored_filter_goes_on_with_the_same_bits_and_is_checked() {
         assert_eq!(twin, filter);
     }
     let mut stored = serde_json::to_value(filter).unwrap();
-    stored["belief"]["yaw_scale"] = 0.9.into();
+    stored["ekf"]["state"]["extra"][0] = 0.9.into();
     assert!(serde_json::from_value::<PoseFilter>(stored).is_err());
 }

@@ -7,9 +7,9 @@ mod doubts;
 mod params;
 
 use super::{
-    Clusters, EffectiveSampleSizeBelow, FreeSpace, Hypothesis, KldSampling, LikelihoodSearch, LikelihoodSearchParams,
-    Mcl, MclDiagnostics, MotionModel, MotionThreshold, ParticleSet, PoseProposal, Recovery, ResamplePolicy, Resampler,
-    Systematic, UpdatePolicy, WeighParticles,
+    Clusters, EffectiveSampleSizeBelow, FreeSpace, Hypothesis, ImprovedSwarm, InitialPoses, KldSampling,
+    LikelihoodSearch, LikelihoodSearchParams, Mcl, MclDiagnostics, MotionModel, MotionThreshold, ParticleSet,
+    PoseProposal, Recovery, ResamplePolicy, Resampler, Systematic, UpdatePolicy, WeighParticles,
 };
 use adaptation::Adaptation;
 use agv_core::{
@@ -192,6 +192,27 @@ impl<M, S, G, R, P, U> Amcl<M, S, G, R, P, U> {
     /// Takes in the next observation of every sensor even if the vehicle has not moved.
     pub fn request_update(&mut self) {
         self.mcl.request_update();
+    }
+}
+
+impl<M, S, G, R, P, U> Amcl<M, S, G, R, P, U> {
+    /// As [`Mcl::initialize_swarm`]; the search goes on where the vehicle may be anywhere.
+    ///
+    /// # Errors
+    /// Those of [`Mcl::initialize_swarm`].
+    pub fn initialize_swarm<Z: ?Sized, Q: InitialPoses>(
+        &mut self,
+        swarm: &ImprovedSwarm<Q>,
+        observations: &[&Z],
+    ) -> Result<UpdateOutcome, LocalizationError>
+    where
+        S: WeighParticles<Z>,
+    {
+        let outcome = self.mcl.initialize_swarm(swarm, observations)?;
+        if let Some(estimate) = self.mcl.known_pose() {
+            self.adaptation.begin(estimate, self.mcl.particles().len(), swarm.is_anywhere());
+        }
+        Ok(outcome)
     }
 }
 

@@ -8,6 +8,7 @@ mod filter;
 mod params;
 mod role;
 mod streams;
+mod swarm;
 mod temper;
 
 #[cfg(feature = "serde")]

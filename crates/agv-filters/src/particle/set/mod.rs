@@ -7,6 +7,8 @@
 //! New states are written to spare memory and then change places with the old ones, so that a step that fails half-way
 //! has changed nothing.
 
+#[cfg(feature = "serde")]
+mod checkpoint;
 mod reweigh;
 mod state;
 
@@ -41,6 +43,18 @@ pub use state::ParticleState;
 /// # Ok::<(), agv_core::Error>(())
 /// ```
 #[derive(Debug, Clone)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(
+        try_from = "checkpoint::StoredSet<X>",
+        into = "checkpoint::StoredSet<X>",
+        bound(
+            serialize = "X: ParticleState + serde::Serialize",
+            deserialize = "X: ParticleState + serde::Deserialize<'de>"
+        )
+    )
+)]
 pub struct ParticleSet<X = Se2> {
     /// Particles in use; the arrays are as long as the capacity.
     count: usize,
