@@ -56,6 +56,13 @@ impl Se2 {
         self.translation.y
     }
 
+    /// Adjoint of its rotation alone: it turns the translation of an increment to the axes of the target, and leaves its turn.
+    #[inline]
+    pub fn rotation_adjoint(&self) -> Matrix3<f64> {
+        let (cos, sin) = (self.rotation.cos(), self.rotation.sin());
+        Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0)
+    }
+
     /// Heading in [-π, π].
     #[inline]
     pub fn yaw(&self) -> f64 {

@@ -18,16 +18,21 @@ impl FusionFilter {
     }
 
     /// What is believed at any time that the history reaches back to, or later: without measurements, the velocity goes on, and
-    /// fades.
+    /// fades. Before the first measurement of a belief without a time, what is believed is so at any time.
     pub fn state_at(&self, stamp: Stamp) -> Option<FusedState> {
-        let mut state = *self.history.as_ref()?.at(stamp)?;
+        let history = self.history.as_ref()?;
+        if !self.timed {
+            return fused(history.newest()?).map(|state| FusedState { stamp, ..state });
+        }
+        let mut state = *history.at(stamp)?;
         let dt = stamp - state.stamp;
         predict(&mut state, &self.params, dt);
         fused(&state)
     }
 
     /// The motion since the last call, up to the newest measurement, with its own covariance: for a particle filter that is to
-    /// move by the fused estimate instead of the wheels alone. None at the first call, and where no time has passed.
+    /// move by the fused estimate instead of the wheels alone. None before there is a belief, at the first
+    /// call after it was given or a clock was set back, and where no time has passed.
     ///
     /// Both ends are parts of the state, so that the covariance is that of the motion and not of the poses. Feed a filter that
     /// hands out motions with nothing that comes from the particle filter itself.
@@ -48,7 +53,7 @@ impl FusionFilter {
                 return Ok(None);
             }
             let start = UncertainPose::new(anchor.map_from_base, state.block(at, at))?;
-            let end = UncertainPose::new(state.map_from_base, state.block(POSE, POSE))?;
+            let end = state.pose()?;
             let moved = start.between_correlated(&end, &state.block(at, POSE))?;
             motion = Some(OdometryIncrement {
                 start: anchor.stamp,
@@ -97,7 +102,7 @@ fn fused(state: &State) -> Option<FusedState> {
     let sigma = |at: usize| state.covariance[at][at].max(0.0).sqrt();
     Some(FusedState {
         stamp: state.stamp,
-        pose: UncertainPose::new(state.map_from_base, state.block(POSE, POSE)).ok()?,
+        pose: state.pose().ok()?,
         twist: state.twist,
         twist_covariance: state.block(VELOCITY, VELOCITY),
         acceleration: state.acceleration,

@@ -4,7 +4,7 @@ use super::{
     FusionOutcome, FusionParams, Measurement, Reference, RoleInput, SourceId, SourceParams,
     happen::happen,
     history::{Event, Happening, History, NoPlace},
-    linearize::anchored_at,
+    linearize::{anchored_at, overlaps},
     measurement::Reading,
     source::{MAX_SOURCES, Source},
     state::{ANCHORS, MAX_ANCHORS, State, VELOCITY},
@@ -29,7 +29,7 @@ pub(super) struct Traffic {
 ///
 /// Add the sources, [`initialize`](Self::initialize), and [`fuse`](Self::fuse) every measurement as it comes, in whatever order.
 /// Each is taken in at its own time; one that comes late is put to its place in the history, and all that is newer is done
-/// again. Nothing allocates after the construction.
+/// again. Nothing allocates after the first belief.
 ///
 /// ```
 /// use agv_core::geometry::{Se2, Twist2, UncertainVector};
@@ -141,7 +141,8 @@ impl FusionFilter {
         &self.params
     }
 
-    /// Takes a belief, at rest, and forgets history, calibration and what was counted; the first measurement says when it was.
+    /// Takes a belief, at rest, and forgets history, calibration and what was counted; the first measurement says when it was, and
+    /// until then its stamp is zero.
     ///
     /// # Errors
     /// [`Error::Empty`] for [`PoseBelief::Anywhere`], which no Gaussian is; a variance above (1000 km)².
@@ -149,7 +150,8 @@ impl FusionFilter {
         self.start(belief, None)
     }
 
-    /// As [`initialize`](Self::initialize), with the time of the belief: measurements from before it are left out.
+    /// As [`initialize`](Self::initialize), with the time of the belief: measurements from before it are left out, unless there are
+    /// so many that the clock must be another ([`FusionParams::clock_patience`]).
     ///
     /// # Errors
     /// As [`initialize`](Self::initialize).
@@ -187,7 +189,8 @@ impl FusionFilter {
     /// Takes a measurement in, at its own time.
     ///
     /// A motion counts between its two stamps, so that one of a source that reports every so often may come when other
-    /// measurements of that time have been taken in already.
+    /// measurements of that time have been taken in already; it must not begin before the last one of its source ended
+    /// ([`FusionOutcome::Overlapping`]).
     ///
     /// # Errors
     /// [`LocalizationError::NotInitialized`]; a source that is none, numbers beyond 10⁷, no noise at all, nothing in it that
@@ -227,12 +230,15 @@ impl FusionFilter {
                 return Ok(FusionOutcome::Duplicate);
             }
             Some(outcome) => {
-                self.strange = self.strange.saturating_add(1);
-                if self.strange < self.params.clock_patience {
+                // What is newer than all that its source has sent is not of another clock, but a backlog.
+                let is_late = outcome == FusionOutcome::TooOld && traffic.last.is_some_and(|last| stamp > last);
+                self.strange = self.strange.saturating_add(u32::from(!is_late));
+                if is_late || self.strange < self.params.clock_patience {
                     traffic.dropped += 1;
                     return Ok(outcome);
                 }
-                // So many cannot all be wrong: the clock was set anew, and the vehicle is where it was.
+                // So many cannot all be wrong. A clock that was set back says that no time has passed; one that went ahead may
+                // have stood still, so that the time counts.
                 if outcome == FusionOutcome::TooOld {
                     restart_at(history, begin);
                 }
@@ -242,6 +248,9 @@ impl FusionFilter {
         self.strange = 0;
         traffic.last = Some(traffic.last.filter(|last| *last > stamp && refused.is_none()).unwrap_or(stamp));
         let outcome = self.insert(&event, begin);
+        if outcome == FusionOutcome::Overlapping {
+            self.traffic[source.index()].dropped += 1;
+        }
         let fixes = entry.params.reference == Reference::Map && matches!(reading, Reading::Place { .. });
         self.judge(outcome, fixes);
         Ok(outcome)
@@ -249,7 +258,8 @@ impl FusionFilter {
 
     /// Follows how far the pose can be trusted: places and poses in the map confirm it, or contradict it.
     fn judge(&mut self, outcome: FusionOutcome, fixes: bool) {
-        let Some(pose) = self.state().map(|state| state.pose) else { return };
+        let newest = self.history.as_ref().and_then(History::newest);
+        let Some(pose) = newest.and_then(|state| state.pose().ok()) else { return };
         match outcome {
             FusionOutcome::Applied { nis, .. } if fixes => {
                 let mut report = UpdateReport::explaining(1.0);
@@ -274,10 +284,13 @@ impl FusionFilter {
         let mut from = place;
         let slot = self.sources.get(usize::from(event.source)).and_then(|source| source.slot);
         if let (Happening::Measured(Reading::Motion { start, .. }), Some(slot)) = (&event.happening, slot) {
-            // A motion that does not begin where the last one ended needs the pose where it began.
-            let known =
-                history.before(place).is_some_and(|state| anchored_at(state, usize::from(slot), *start).is_some());
-            let anchor = Event::new(begin, event.source, Happening::Anchor(slot));
+            // A motion that does not begin where the last one ended needs the pose where it began; one that began before that
+            // is left out.
+            let slot = usize::from(slot);
+            let known = history
+                .before(place)
+                .is_some_and(|state| anchored_at(state, slot, *start).is_some() || overlaps(state, slot, *start));
+            let anchor = Event::new(begin, event.source, Happening::Anchor(slot as u8));
             if let (false, Ok(earlier)) = (known, history.place(&anchor)) {
                 history.insert(earlier, anchor);
                 from = earlier;

@@ -4,7 +4,7 @@ use super::{
     FusionOutcome, FusionParams, Reference,
     correct::{apply, weigh},
     history::{Event, Happening},
-    linearize::{linearize, remembered},
+    linearize::{linearize, overlaps, remembered},
     measurement::Reading,
     process::predict,
     source::Source,
@@ -27,13 +27,15 @@ pub(super) fn happen(state: &mut State, event: &mut Event, params: &FusionParams
             let Some(source) = sources.get(index) else { return };
             let outcome = take(state, reading, source, index);
             event.outcome = Some(outcome);
-            if let Some(slot) = source.slot.map(usize::from) {
-                let reference = source.params.reference;
-                let is_motion = matches!(reading, Reading::Motion { .. });
-                if is_motion || reference == Reference::Previous || state.anchors[slot].is_none() {
-                    let (own, spread) = remembered(reading, reference, source.params.components);
-                    state.drop_anchor(slot, own, if is_motion { &nothing } else { &spread });
-                }
+            let Some(slot) = source.slot.map(usize::from) else { return };
+            let reference = source.params.reference;
+            let is_motion = matches!(reading, Reading::Motion { .. });
+            let moves_on = is_motion || reference == Reference::Previous || state.anchors[slot].is_none();
+            if moves_on
+                && outcome != FusionOutcome::Overlapping
+                && let Some((own, spread)) = remembered(reading, reference, source.params.components)
+            {
+                state.drop_anchor(slot, own, &spread);
             }
         }
     }
@@ -41,6 +43,11 @@ pub(super) fn happen(state: &mut State, event: &mut Event, params: &FusionParams
 
 /// Corrects the state by a reading, unless it is beyond the gate.
 fn take(state: &mut State, reading: &Reading, source: &Source, index: usize) -> FusionOutcome {
+    if let (Reading::Motion { start, .. }, Some(slot)) = (reading, source.slot)
+        && overlaps(state, usize::from(slot), *start)
+    {
+        return FusionOutcome::Overlapping;
+    }
     let Some(innovation) = linearize(state, reading, source) else { return FusionOutcome::Anchored };
     let degrees = innovation.rows();
     let Some(weighed) = weigh(state, &innovation) else { return FusionOutcome::Degenerate };

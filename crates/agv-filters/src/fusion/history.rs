@@ -1,8 +1,8 @@
 //! Measurements of the recent past in order of time, each with the belief that followed from it.
 //!
 //! A measurement that comes late finds its place, and all that came after it is done again: the belief is then the one that it
-//! would be if everything had come in order, to the bit, since equal stamps have an order of their own. Nothing is allocated after
-//! construction; a late measurement costs as much as all that are newer than it.
+//! would be if everything had come in order: to the bit, since equal stamps have an order of their own, but for the rounding of a
+//! prediction that the anchor of a late motion splits. Nothing is allocated after construction; a late measurement costs as much as all that are newer than it.
 
 use super::{FusionOutcome, measurement::Reading, state::State};
 use agv_core::time::Stamp;
@@ -163,6 +163,11 @@ impl History {
             if after.key() <= before.key() {
                 let (earlier_ns, later_ns) = (before.stamp.nanoseconds(), after.stamp.nanoseconds());
                 return Err(agv_core::Error::TimeBackwards { earlier_ns, later_ns });
+            }
+        }
+        for event in &self.events {
+            if let Happening::Anchor(slot) = event.happening {
+                agv_core::check::in_range("slot", f64::from(slot), 0.0, super::state::MAX_ANCHORS as f64 - 1.0)?;
             }
         }
         self.states.iter().try_for_each(State::validate)

@@ -44,7 +44,7 @@ pub(super) fn linearize(state: &State, reading: &Reading, source: &Source) -> Op
             let stretched = tangent.component_mul(&scales);
             let motion = Se2::exp(&stretched);
             let (mut residual, mut rows) = compare(state, Some(slot), &motion, &Se2::identity());
-            let turn = planar_rotation(&motion);
+            let turn = Se2::rotation_adjoint(&motion);
             if source.params.scaled {
                 // The reading itself moves with the scales.
                 let by_scale = turn * Se2::right_jacobian(&stretched);
@@ -70,7 +70,7 @@ pub(super) fn linearize(state: &State, reading: &Reading, source: &Source) -> Op
             };
             let (mut residual, rows) = compare(state, slot, &seen, base_from_sensor);
             residual[2] = wrap_angle(residual[2]);
-            let turn = planar_rotation(&seen);
+            let turn = Se2::rotation_adjoint(&seen);
             let spread = match source.params.reference {
                 Reference::Map | Reference::First => *spread,
                 Reference::Previous => {
@@ -130,6 +130,12 @@ pub(super) fn anchored_at(state: &State, slot: usize, start: Stamp) -> Option<()
     ((anchor.stamp - start).abs() <= SAME_MOMENT).then_some(())
 }
 
+/// Whether a motion that began then began before the anchor: a part of it has been taken in.
+pub(super) fn overlaps(state: &State, slot: usize, start: Stamp) -> bool {
+    let anchor = state.anchors.get(slot).and_then(Option::as_ref);
+    anchor.is_some_and(|anchor| anchor.stamp - start > SAME_MOMENT)
+}
+
 /// What the source adds to noise that it does not state.
 fn floor(source: &Source) -> Matrix3<f64> {
     let floor = &source.params.floor;
@@ -141,12 +147,6 @@ fn floor(source: &Source) -> Matrix3<f64> {
 fn stretch(state: &State) -> Vector3<f64> {
     let way = 1.0 + state.distance_scale;
     Vector3::new(way, way, 1.0 + state.yaw_scale)
-}
-
-/// The rotation of a pose, for right increments: their translation is turned, their turn is not.
-fn planar_rotation(pose: &Se2) -> Matrix3<f64> {
-    let (c, s) = (pose.rotation().cos(), pose.rotation().sin());
-    Matrix3::new(c, -s, 0.0, s, c, 0.0, 0.0, 0.0, 1.0)
 }
 
 /// A sensor seen at `seen` from the anchor's base (or the map), less where the state has it.
@@ -206,20 +206,25 @@ fn push<const K: usize>(
 }
 
 /// What is to be remembered of a reading at an anchor: the sensor's own pose there, and how uncertain it is, as an increment
-/// of the base.
-pub(super) fn remembered(reading: &Reading, reference: Reference, components: Components) -> (Se2, Matrix3<f64>) {
+/// of the base; none if it says nothing that others could refer to.
+pub(super) fn remembered(
+    reading: &Reading,
+    reference: Reference,
+    components: Components,
+) -> Option<(Se2, Matrix3<f64>)> {
     let uncertain = reference == Reference::First;
     match reading {
         Reading::Place { own_from_sensor, spread, base_from_sensor, .. } => {
             let adjoint = base_from_sensor.adjoint();
             let spread = if uncertain { adjoint * spread * adjoint.transpose() } else { Matrix3::zeros() };
-            (*own_from_sensor, spread)
+            Some((*own_from_sensor, spread))
         }
         Reading::Inertial { yaw: Some([yaw, variance]), .. } if components.contains(Components::YAW) => {
             let variance = if uncertain { *variance } else { 0.0 };
-            (Se2::new(0.0, 0.0, *yaw), Matrix3::from_diagonal(&Vector3::new(0.0, 0.0, variance)))
+            Some((Se2::new(0.0, 0.0, *yaw), Matrix3::from_diagonal(&Vector3::new(0.0, 0.0, variance))))
         }
-        _ => (Se2::identity(), Matrix3::zeros()),
+        Reading::Motion { .. } => Some((Se2::identity(), Matrix3::zeros())),
+        Reading::Inertial { .. } | Reading::Velocity { .. } => None,
     }
 }
 

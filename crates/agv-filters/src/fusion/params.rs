@@ -40,7 +40,7 @@ pub struct MotionParams {
     /// Turn rate, in rad/s.
     pub yaw_rate: Wander,
     /// Acceleration along both axes, in m/s², where it is to be estimated; what `vx` and `vy` say of changes is then what it
-    /// leaves unexplained.
+    /// leaves unexplained. Unmeasured for long, the variance of a velocity is then `σ² + σ_a² T² T_a / (T + T_a)`.
     pub acceleration: Option<Wander>,
 }
 
@@ -87,7 +87,9 @@ pub struct FusionParams {
     pub capacity: usize,
     /// A measurement that claims to be so many seconds ahead of all others is taken for a mistaken clock.
     pub longest_gap: f64,
-    /// So many measurements in a row from outside of the history and the gap are taken for a clock that was set anew.
+    /// So many measurements in a row from outside of the history and the gap are taken for a clock that was set anew: after one that
+    /// was set back the vehicle is where it was, a jump ahead counts as time that has passed. What a source sends late, but newer
+    /// than anything it sent before, does not count.
     pub clock_patience: u32,
     /// When the estimate is to be trusted.
     pub status: StatusParams,

@@ -11,7 +11,7 @@
 //! X ← X exp(path)                    F = [ Ad(exp(path))⁻¹   Jr(path) T (1 - φ) ]
 //! ```
 //!
-//! Where accelerations are estimated they wander likewise and drive the velocities. The gyro's bias walks with the time, the
+//! Where accelerations are estimated they wander likewise and drive the velocities, `v' = -v/T + a + w`. The gyro's bias walks with the time, the
 //! scales with the way.
 
 use super::{
@@ -19,28 +19,21 @@ use super::{
     state::{ACCELERATION, Covariance, DIMENSION, DISTANCE_SCALE, GYRO_BIAS, POSE, State, VELOCITY, YAW_SCALE},
 };
 use agv_core::geometry::{LieGroup, Se2, Twist2};
-use nalgebra::Vector3;
+use nalgebra::{Matrix3, Vector3};
 
 /// Errors that a step mixes: pose, velocity and acceleration; they come first.
 const MOVING: usize = GYRO_BIAS;
 
-/// What a step of a wandering quantity does.
+/// What a step does to the way along one axis, the velocity and the acceleration there, in this order.
 #[derive(Debug, Clone, Copy)]
-struct Step {
-    /// Share of the value that is left.
-    keep: f64,
-    /// Seconds of the present value that the integral has.
-    gain: f64,
-    /// Variance that the value gains.
-    value: f64,
-    /// Variance that the integral gains.
-    integral: f64,
-    /// Covariance of the two.
-    cross: f64,
+struct AxisStep {
+    transition: Matrix3<f64>,
+    noise: Matrix3<f64>,
 }
 
-impl Step {
-    fn new(wander: &Wander, dt: f64) -> Self {
+impl AxisStep {
+    /// Of a velocity that wanders by itself.
+    fn wandering(wander: &Wander, dt: f64) -> Self {
         let Wander { sigma, time } = *wander;
         let (x, variance) = (dt / time, sigma * sigma);
         let keep = (-x).exp();
@@ -51,13 +44,50 @@ impl Step {
         } else {
             2.0 * x - 3.0 + 4.0 * keep - keep * keep
         };
+        let cross = variance * time * lost * lost;
         Self {
-            keep,
-            gain: time * lost,
-            value: variance * lost * (1.0 + keep),
-            integral: variance * time * time * integral,
-            cross: variance * time * lost * lost,
+            transition: Matrix3::new(1.0, time * lost, 0.0, 0.0, keep, 0.0, 0.0, 0.0, 0.0),
+            noise: Matrix3::new(
+                variance * time * time * integral,
+                cross,
+                0.0,
+                cross,
+                variance * lost * (1.0 + keep),
+                0.0,
+                0.0,
+                0.0,
+                0.0,
+            ),
         }
+    }
+
+    /// Of a velocity that wanders and is driven by an acceleration that wanders too.
+    ///
+    /// By the power series of `F' = A F` and `Q' = A Q + Q Aᵀ + W` over a part of the step that is short against both times, and
+    /// from there by doubling: `F ← F²`, `Q ← F Q Fᵀ + Q`.
+    fn driven(velocity: &Wander, acceleration: &Wander, dt: f64) -> Self {
+        const TERMS: i32 = 12;
+        let density = |wander: &Wander| 2.0 * wander.sigma * wander.sigma / wander.time;
+        let slope = Matrix3::new(0.0, 1.0, 0.0, 0.0, -1.0 / velocity.time, 1.0, 0.0, 0.0, -1.0 / acceleration.time);
+        let mut term = Matrix3::from_diagonal(&Vector3::new(0.0, density(velocity), density(acceleration)));
+        let doublings = (10.0 * dt / velocity.time.min(acceleration.time)).log2().ceil().max(0.0);
+        let part = dt * (-doublings).exp2();
+
+        let (mut transition, mut noise) = (Matrix3::identity(), Matrix3::zeros());
+        let mut power = Matrix3::identity();
+        for n in 1..=TERMS {
+            let share = part / f64::from(n);
+            power = slope * power * share;
+            transition += power;
+            term *= share;
+            noise += term;
+            term = slope * term + term * slope.transpose();
+        }
+        for _ in 0..doublings as u32 {
+            noise += transition * noise * transition.transpose();
+            transition *= transition;
+        }
+        Self { transition, noise }
     }
 }
 
@@ -67,60 +97,61 @@ pub(super) fn predict(state: &mut State, params: &FusionParams, dt: f64) {
         return;
     }
     let motion = &params.motion;
-    let steps = [&motion.vx, &motion.vy, &motion.yaw_rate].map(|wander| Step::new(wander, dt));
-    let pushed = motion.acceleration.map(|wander| Step::new(&wander, dt));
+    let linear = |wander: &Wander| match &motion.acceleration {
+        Some(acceleration) => AxisStep::driven(wander, acceleration, dt),
+        None => AxisStep::wandering(wander, dt),
+    };
+    let steps = [linear(&motion.vx), linear(&motion.vy), AxisStep::wandering(&motion.yaw_rate, dt)];
 
     // Means, and by how much each error moves the errors that follow.
-    let velocity = Vector3::from(state.twist);
-    let mut path = Vector3::from_fn(|i, _| steps[i].gain * velocity[i]);
-    let mut twist = Vector3::from_fn(|i, _| steps[i].keep * velocity[i]);
-    if let Some(push) = &pushed {
-        for i in 0..2 {
-            twist[i] += push.gain * state.acceleration[i];
-            path[i] += 0.5 * dt * push.gain * state.acceleration[i];
-        }
-        state.acceleration *= push.keep;
-    }
+    let (velocity, acceleration) = (state.twist, state.acceleration);
+    let rates = [[velocity.vx, acceleration.x], [velocity.vy, acceleration.y], [velocity.yaw_rate, 0.0]];
+    let ahead = |row: usize| {
+        Vector3::from_fn(|k, _| {
+            let [v, a] = rates[k];
+            steps[k].transition[(row, 1)] * v + steps[k].transition[(row, 2)] * a
+        })
+    };
+    let (path, twist) = (ahead(0), ahead(1));
+    state.acceleration = ahead(2).xy();
     let moved = Se2::exp(&path);
     let (back, bend) = (moved.inverse().adjoint(), Se2::right_jacobian(&path));
     let mut transition = [[0.0; MOVING]; MOVING];
     for i in 0..3 {
         for j in 0..3 {
             transition[POSE + i][POSE + j] = back[(i, j)];
-            transition[POSE + i][VELOCITY + j] = bend[(i, j)] * steps[j].gain;
+            transition[POSE + i][VELOCITY + j] = bend[(i, j)] * steps[j].transition[(0, 1)];
         }
-        transition[VELOCITY + i][VELOCITY + i] = steps[i].keep;
-    }
-    if let Some(push) = &pushed {
+        transition[VELOCITY + i][VELOCITY + i] = steps[i].transition[(1, 1)];
         for j in 0..2 {
-            for i in 0..3 {
-                transition[POSE + i][ACCELERATION + j] = bend[(i, j)] * 0.5 * dt * push.gain;
-            }
-            transition[VELOCITY + j][ACCELERATION + j] = push.gain;
-            transition[ACCELERATION + j][ACCELERATION + j] = push.keep;
+            transition[POSE + i][ACCELERATION + j] = bend[(i, j)] * steps[j].transition[(0, 2)];
         }
+    }
+    for j in 0..2 {
+        transition[VELOCITY + j][ACCELERATION + j] = steps[j].transition[(1, 2)];
+        transition[ACCELERATION + j][ACCELERATION + j] = steps[j].transition[(2, 2)];
     }
     let used = state.used();
     carry(&mut state.covariance, &transition, used);
 
     let noise = &mut state.covariance;
-    for (k, step) in steps.iter().enumerate() {
+    for (k, AxisStep { noise: gained, .. }) in steps.iter().enumerate() {
+        let rates = [VELOCITY + k, ACCELERATION + k];
+        // Turns have no acceleration.
+        let rates = &rates[..if k < 2 { 2 } else { 1 }];
         for i in 0..3 {
             for j in 0..3 {
-                noise[POSE + j][POSE + i] += bend[(i, k)] * step.integral * bend[(j, k)];
+                noise[POSE + j][POSE + i] += bend[(i, k)] * gained[(0, 0)] * bend[(j, k)];
             }
-            noise[POSE + i][VELOCITY + k] += bend[(i, k)] * step.cross;
-            noise[VELOCITY + k][POSE + i] += bend[(i, k)] * step.cross;
+            for (n, &rate) in rates.iter().enumerate() {
+                noise[POSE + i][rate] += bend[(i, k)] * gained[(0, n + 1)];
+                noise[rate][POSE + i] += bend[(i, k)] * gained[(0, n + 1)];
+            }
         }
-        noise[VELOCITY + k][VELOCITY + k] += step.value;
-    }
-    if let Some(push) = &pushed {
-        for k in 0..2 {
-            let (a, v) = (ACCELERATION + k, VELOCITY + k);
-            noise[a][a] += push.value;
-            noise[v][v] += push.integral;
-            noise[a][v] += push.cross;
-            noise[v][a] += push.cross;
+        for (m, &column) in rates.iter().enumerate() {
+            for (n, &row) in rates.iter().enumerate() {
+                noise[column][row] += gained[(n + 1, m + 1)];
+            }
         }
     }
     noise[GYRO_BIAS][GYRO_BIAS] += params.gyro_bias_walk * params.gyro_bias_walk * dt;
@@ -210,21 +241,33 @@ mod tests {
         }
     }
 
-    /// Noise adds up to the same whether a time is taken in one step or in a thousand.
+    /// The mean goes, and noise adds up, to the same whether a time is taken in one step or in a thousand.
     #[test]
-    fn noise_does_not_depend_on_the_steps() {
-        let motion = MotionParams { acceleration: None, ..MotionParams::omnidirectional() };
-        let params = FusionParams { motion, ..FusionParams::default() };
-        let run = |steps: u32| {
-            let mut state = State::new(Stamp::default(), Se2::default(), &Matrix3::zeros(), &[0.0; ANCHORS]);
-            (0..steps).for_each(|_| predict(&mut state, &params, 2.0 / f64::from(steps)));
-            state.covariance
-        };
-        let (coarse, fine) = (run(1), run(1000));
-        for i in 0..GYRO_BIAS {
-            for j in 0..GYRO_BIAS {
-                let scale = (coarse[i][i] * coarse[j][j]).sqrt();
-                assert!((coarse[i][j] - fine[i][j]).abs() <= 1e-9 * scale, "{i} {j}: {} {}", coarse[i][j], fine[i][j]);
+    fn nothing_depends_on_the_steps() {
+        // As slow as the velocity, slower and faster, where a formula with a difference of the two would fail.
+        for acceleration in
+            [None, Some(Wander::new(0.5, 8.0)), Some(Wander::new(1.0, 0.5)), Some(Wander::new(1.0, 30.0))]
+        {
+            for duration in [0.01, 2.0, 40.0] {
+                let motion = MotionParams { acceleration, ..MotionParams::omnidirectional() };
+                let params = FusionParams { motion, ..FusionParams::default() };
+                let run = |push: f64, steps: u32| {
+                    let mut state = State::new(Stamp::default(), Se2::default(), &Matrix3::zeros(), &[0.0; ANCHORS]);
+                    state.acceleration.x = push;
+                    (0..steps).for_each(|_| predict(&mut state, &params, duration / f64::from(steps)));
+                    state
+                };
+                let push = acceleration.map_or(0.0, |_| 0.3);
+                let [coarse, fine] = [1, 1000].map(|steps| run(push, steps).map_from_base.x());
+                assert!((coarse - fine).abs() <= 1e-9 * fine, "{acceleration:?} {duration}: {coarse} {fine}");
+                // At rest: along a way that is driven the covariance is that of its linear part.
+                let [coarse, fine] = [1, 1000].map(|steps| run(0.0, steps).covariance);
+                for i in 0..GYRO_BIAS {
+                    for j in 0..GYRO_BIAS {
+                        let (scale, [a, b]) = ((coarse[i][i] * coarse[j][j]).sqrt(), [coarse[i][j], fine[i][j]]);
+                        assert!((a - b).abs() <= 1e-8 * scale, "{acceleration:?} {duration} {i} {j}: {a} {b}");
+                    }
+                }
             }
         }
     }
@@ -232,9 +275,23 @@ mod tests {
     /// The series of short steps and the closed form of long ones meet.
     #[test]
     fn short_and_long_steps_agree() {
-        let at = |x: f64| Step::new(&Wander::new(1.0, 1.0), x).integral / (x * x * x);
+        let at = |x: f64| AxisStep::wandering(&Wander::new(1.0, 1.0), x).noise[(0, 0)] / (x * x * x);
         assert!((at(0.03 - 1e-9) / at(0.03 + 1e-9) - 1.0).abs() < 1e-8);
         assert!((at(1e-6) * 1.5 - 1.0).abs() < 1e-5);
+    }
+
+    /// Without accelerations both forms are one.
+    #[test]
+    fn an_acceleration_that_is_none_changes_nothing() {
+        for dt in [1e-3, 0.1, 3.0, 500.0] {
+            let plain = AxisStep::wandering(&Wander::new(0.7, 2.0), dt);
+            let driven = AxisStep::driven(&Wander::new(0.7, 2.0), &Wander::new(0.0, 0.3), dt);
+            for (row, column) in [(0, 0), (0, 1), (1, 1)] {
+                let (a, b) = (plain.noise[(row, column)], driven.noise[(row, column)]);
+                assert!((a - b).abs() < 1e-9 * a, "{dt} {row} {column}: {a} {b}");
+                assert!((plain.transition[(row, column)] - driven.transition[(row, column)]).abs() < 1e-9);
+            }
+        }
     }
 
     /// A day without any measurement: the velocity is as uncertain as the vehicle is fast, the place grows with the time.
@@ -249,5 +306,10 @@ mod tests {
         let sigma = |i: usize| state.covariance[i][i].sqrt();
         assert!((sigma(VELOCITY) - 1.0).abs() < 1e-9 && (sigma(VELOCITY + 2) - 0.6).abs() < 1e-9);
         assert!(sigma(POSE).is_finite() && sigma(POSE) > 100.0 && state.twist.speed() < 1e-12);
+
+        let motion = MotionParams { acceleration: Some(Wander::new(1.0, 0.5)), ..MotionParams::differential() };
+        predict(&mut state, &FusionParams { motion, ..params }, 3600.0);
+        // 1 + 8² 0.5 / 8.5, as `MotionParams::acceleration` says.
+        assert!((state.covariance[VELOCITY][VELOCITY] - (1.0 + 64.0 * 0.5 / 8.5)).abs() < 1e-9);
     }
 }

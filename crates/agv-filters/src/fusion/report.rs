@@ -49,6 +49,9 @@ pub enum FusionOutcome {
     /// It became the reference of those that follow: the first of a source whose measurements refer to one another, or one after
     /// a gap from before the history.
     Anchored,
+    /// A motion that began before the last one of its source ended: a part of it has been taken in already, so that it is left out.
+    /// For motions that all begin at one key frame take their poses, with [`Reference::First`](super::Reference::First).
+    Overlapping,
     /// Older than the history reaches.
     TooOld,
     /// Further ahead of all others than a gap may last.
@@ -68,7 +71,7 @@ pub struct SourceDiagnostics {
     pub gated: u64,
     /// Measurements beyond the gate since the last one that was taken in.
     pub gated_in_a_row: u32,
-    /// Measurements that came too late, too early or twice.
+    /// Measurements that came too late, too early or twice, and motions that overlapped.
     pub dropped: u64,
     /// Mean normalised innovation squared of the accepted ones; none before the first.
     pub nis_mean: Option<f64>,

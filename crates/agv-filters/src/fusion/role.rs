@@ -69,7 +69,7 @@ impl FusionFilter {
                 let age = self.history.as_ref().map_or(0.0, |history| history.latest() - stamp);
                 UpdateOutcome::Skipped(SkipReason::OutsideHistory { age })
             }
-            FusionOutcome::Duplicate => UpdateOutcome::Skipped(SkipReason::Duplicate),
+            FusionOutcome::Duplicate | FusionOutcome::Overlapping => UpdateOutcome::Skipped(SkipReason::Duplicate),
             FusionOutcome::Degenerate => {
                 return Err(Error::Singular { name: "covariance of the innovation", row: 0, pivot: 0.0 }.into());
             }

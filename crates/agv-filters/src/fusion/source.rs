@@ -89,7 +89,7 @@ pub enum Reference {
     #[default]
     Map,
     /// The measurement before: what counts is the motion between two of them, whose error is that of a motion
-    /// ([`MotionNoise`]). For odometry, which drifts, in either form (increments, or poses in a frame of its own).
+    /// ([`MotionNoise`]; of headings, what they state). For odometry, which drifts, in either form (increments, or poses in a frame of its own).
     Previous,
     /// The first measurement, in a frame of the sensor's own, whose place in the map is estimated with the rest: for a tracking
     /// system that nobody has aligned with the map, or an attitude that counts from where it was switched on.

@@ -14,7 +14,8 @@
 
 use super::source::MAX_SOURCES;
 use agv_core::{
-    geometry::{LieGroup, Se2, So2, Twist2},
+    Error,
+    geometry::{LieGroup, Se2, So2, Twist2, UncertainPose},
     time::Stamp,
 };
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -132,6 +133,11 @@ impl State {
                 anchor.map_from_base = moved(&anchor.map_from_base, &three(anchor_at(slot)));
             }
         }
+    }
+
+    /// The pose with its covariance.
+    pub(super) fn pose(&self) -> Result<UncertainPose<Se2>, Error> {
+        UncertainPose::new(self.map_from_base, self.block(POSE, POSE))
     }
 
     /// Errors up to the last anchor that is there; the others are zero, and so are their covariances.

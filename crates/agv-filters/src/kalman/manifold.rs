@@ -13,7 +13,7 @@
 
 use crate::particle::ParticleState;
 use agv_core::geometry::{LieGroup, Se2, Se3};
-use nalgebra::{Matrix3, SMatrix, SVector, Vector2};
+use nalgebra::{SMatrix, SVector, Vector2};
 use std::fmt::Debug;
 
 /// A state with `N` degrees of freedom.
@@ -110,7 +110,6 @@ impl PlanarState<3> for Se2 {
     /// A right increment moves along the axes of the vehicle.
     #[inline]
     fn lift<const M: usize>(&self, by_pose: &SMatrix<f64, M, 3>) -> SMatrix<f64, M, 3> {
-        let (cos, sin) = (self.rotation().cos(), self.rotation().sin());
-        by_pose * Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0)
+        by_pose * self.rotation_adjoint()
     }
 }

@@ -167,11 +167,42 @@ fn clocks_that_jump_are_noticed() {
         let after = filter.state().unwrap();
         assert_eq!(after.stamp, at(3.1 + jump));
         assert!(after.pose.position_deviation().is_finite());
+        let moved = after.pose.mean().minus(before.pose.mean()).norm();
         if jump < 0.0 {
-            assert!(after.pose.mean().minus(before.pose.mean()).norm() < 0.05, "the vehicle is where it was");
+            assert!(moved < 0.05, "the vehicle is where it was");
+        } else {
+            assert!(after.pose.position_deviation() > 100.0, "two hours may lead anywhere");
         }
         // Odometry takes up again, from where it begins.
         let still = motion(3.1 + jump, &Se2::default(), 3.2 + jump, &Se2::default(), squares([1e-3; 3]));
         assert!(matches!(filter.fuse(ids[0], still), Ok(FusionOutcome::Applied { .. } | FusionOutcome::Gated { .. })));
     }
+}
+
+/// What a source sends late, and older than the history reaches, is a backlog as long as its own clock goes on.
+#[test]
+fn a_backlog_is_no_jump_of_the_clock() {
+    let (mut filter, ids) = filter(FusionParams::default());
+    fuse_all(&mut filter, ids, &drive(5));
+    // The second gyro was silent for long.
+    let second = filter.add_source(SourceParams::imu()).unwrap();
+    filter.fuse(second, rates(2.5, 0.0, 1.0)).unwrap();
+    for time in [4.5, 6.0] {
+        filter.fuse(ids[1], rates(time, 0.0, 1.0)).unwrap();
+    }
+    let before = filter.state();
+    for i in 0..100 {
+        let late = rates(2.6 + 0.01 * f64::from(i), 0.0, 1e-3);
+        assert_eq!(filter.fuse(second, late), Ok(FusionOutcome::TooOld));
+    }
+    assert_eq!((filter.state(), filter.diagnostics(second).unwrap().dropped), (before, 100));
+}
+
+/// Before anything is measured a belief without a time holds at any.
+#[test]
+fn a_belief_without_a_time_does_not_age() {
+    let (mut filter, _) = filter(FusionParams::default());
+    filter.initialize(&belief(Se2::new(1.0, 2.0, 3.0))).unwrap();
+    let (state, later) = (filter.state().unwrap(), filter.state_at(at(1.7e9)).unwrap());
+    assert_eq!((later.pose, later.stamp), (state.pose, at(1.7e9)));
 }

@@ -166,3 +166,49 @@ fn lost_odometry_leaves_a_gap_and_no_jump() {
     assert!((state.pose.mean().x() - 2.0).abs() < 0.05, "the speed went on: {}", state.pose.mean().x());
     assert!(state.pose.covariance()[(0, 0)] > 0.05 * 0.05 + 1e-4, "but was not measured");
 }
+
+/// A motion that begins before the last one has ended is left out, and neither spoils that one nor those that follow.
+#[test]
+fn motions_that_overlap_are_left_out() {
+    let mut filter = FusionFilter::new(FusionParams::default()).unwrap();
+    let wheels = filter.add_source(bare(SourceParams::wheels())).unwrap();
+    filter.initialize_at(at(0.0), &belief(Se2::default())).unwrap();
+    let ahead = |start: f64, end: f64| {
+        motion(start, &Se2::default(), end, &Se2::new(end - start, 0.0, 0.0), squares([1e-3; 3]))
+    };
+    assert!(matches!(filter.fuse(wheels, ahead(0.0, 0.1)), Ok(FusionOutcome::Applied { .. })));
+    assert_eq!(filter.fuse(wheels, ahead(0.09, 0.2)), Ok(FusionOutcome::Overlapping));
+    assert!(matches!(filter.fuse(wheels, ahead(0.1, 0.3)), Ok(FusionOutcome::Applied { .. })));
+    let state = filter.state().unwrap();
+    assert!((state.pose.mean().x() - 0.3).abs() < 0.01, "{}", state.pose.mean().x());
+    let counted = filter.diagnostics(wheels).unwrap();
+    assert_eq!((counted.accepted, counted.dropped), (2, 1));
+}
+
+/// A reading that says nothing of the pose is no reference for those that do.
+#[test]
+fn what_has_no_pose_is_no_reference() {
+    let mut filter = FusionFilter::new(FusionParams::default()).unwrap();
+    let unit = filter.add_source(SourceParams { reference: Reference::First, ..bare(SourceParams::imu()) }).unwrap();
+    let wheels = filter.add_source(bare(SourceParams::wheels())).unwrap();
+    filter.initialize_at(at(0.0), &belief(Se2::new(0.0, 0.0, 0.5))).unwrap();
+    let attitude = |time: f64, yaw: f64| {
+        let attitude = UncertainPose::new(So3::exp(&Vector3::new(0.0, 0.0, yaw)), Matrix3::identity() * 1e-6).unwrap();
+        rates(time, 0.0, 1e-3).with_orientation(attitude)
+    };
+    filter.fuse(unit, rates(0.1, 0.0, 1e-3)).unwrap();
+    for i in 2..20 {
+        filter.fuse(unit, attitude(0.1 * f64::from(i), 2.0)).unwrap();
+    }
+    let yaw = filter.state().unwrap().pose.mean().yaw();
+    assert!((yaw - 0.5).abs() < 0.05, "the heading is the one of the belief: {yaw}");
+
+    // Wheels that report velocities between the ends of their motions.
+    for i in 20..30 {
+        let now = 0.1 * f64::from(i);
+        let still = motion(now, &Se2::default(), now + 0.1, &Se2::default(), squares([1e-3; 3]));
+        let velocity = VelocityObservation::new(at(now + 0.05), Vector3::zeros(), squares([1e-2; 3])).unwrap();
+        filter.fuse(wheels, velocity).unwrap();
+        assert!(matches!(filter.fuse(wheels, still), Ok(FusionOutcome::Applied { .. })));
+    }
+}

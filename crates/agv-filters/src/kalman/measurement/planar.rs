@@ -129,9 +129,7 @@ impl PoseReading {
 
     /// The noise of a pose that states its own, as all poses here do along the axes of the vehicle.
     pub fn of(reading: &UncertainPose<Se2>) -> Self {
-        let rotation = reading.mean().rotation();
-        let (cos, sin) = (rotation.cos(), rotation.sin());
-        let turn = Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0);
+        let turn = reading.mean().rotation_adjoint();
         Self { noise: crate::kalman::matrix::sandwich_plus(&turn, reading.covariance(), &Matrix3::zeros()) }
     }
 }
