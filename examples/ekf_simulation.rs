@@ -41,7 +41,7 @@ fn main() -> ExitCode {
     let args = Args::parse();
     agv_support::run(|| {
         let out = args.common.out_folder("ekf_simulation")?;
-        let seeds = args.common.seed..args.common.seed + args.seeds;
+        let seeds = args.common.seeds(args.seeds);
         let mut report = Report::new("Kalman filters of papers 000 and 001");
         report.count("seeds", args.seeds as usize);
         report.reports("pose", pose::experiment(seeds.clone(), &out)?);

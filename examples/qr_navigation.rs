@@ -96,7 +96,7 @@ fn drive(args: &Args, site: &Site, variant: Variant, progress: &Progress) -> Res
         uses_unread: !args.leave_unread,
         par: args.common.par(),
     };
-    let seeds = (0..args.seeds).map(|i| Seed(args.common.seed.wrapping_add(i)));
+    let seeds = args.common.seeds(args.seeds);
     progress.over(seeds).map(|seed| Run::new(site, runs, variant, seed)).collect()
 }
 

@@ -14,7 +14,7 @@
 use crate::Error;
 use agv_core::{
     check,
-    geometry::{LieGroup, Se2},
+    geometry::{LieGroup, Se2, Twist2},
     kinematics::{Motion, MotionLimits},
     path::{Gear, Path, PathPoint},
     roles::{PathTracker, TrackError, TrackStatus, VehicleState},
@@ -161,7 +161,12 @@ impl Centring {
         let goal = self.goal.ok_or(TrackError::NoPath)?;
         let command = self.tracker.command(state, &self.gentle(state, limits), dt)?;
         let goal_from_base = goal.between(&state.map_from_base);
-        let is_over = matches!(command.status, TrackStatus::Arrived | TrackStatus::OffPath);
+        // Off the path the tracker brakes, which takes a while.
+        let is_over = match command.status {
+            TrackStatus::Arrived => true,
+            TrackStatus::OffPath => command.motion.twist == Twist2::ZERO,
+            _ => false,
+        };
         let under_way = matches!(self.status, CentringStatus::Approaching | CentringStatus::BackingUp);
         self.at_rest = if is_over { self.at_rest + dt } else { 0.0 };
         if under_way && is_over && self.at_rest >= self.params.settle_time {
@@ -175,7 +180,7 @@ impl Centring {
             } else {
                 self.status = CentringStatus::Failed;
             }
-        } else if self.status == CentringStatus::BackingUp && -goal_from_base.x() >= self.params.run_up - 0.05 {
+        } else if self.status == CentringStatus::BackingUp && -goal_from_base.x() >= self.params.run_up - SHORTEST {
             self.status = CentringStatus::Approaching;
         }
         Ok(CentringStep { motion: command.motion, status: self.status, goal_from_base })
@@ -193,7 +198,7 @@ impl Centring {
         gentle
     }
 
-    /// Lays the path from where the vehicle is: straight on along the goal's axis, or back first if it is too near.
+    /// Lays the path along the goal's axis, level with the vehicle: straight on, or back first if it is too near.
     fn set_out(&mut self, goal: &Se2, map_from_base: &Se2) -> Result<(), Error> {
         let behind = -goal.between(map_from_base).x();
         let mut path = Path::new();

@@ -42,6 +42,12 @@ impl CommonArgs {
         Seed(self.seed)
     }
 
+    /// The seeds of as many runs, from the given one on.
+    pub fn seeds(&self, runs: u64) -> impl Iterator<Item = Seed> + Clone + use<> {
+        let first = self.seed;
+        (0..runs).map(move |run| Seed(first.wrapping_add(run)))
+    }
+
     /// How the parallel loops run.
     pub fn par(&self) -> Par {
         if self.threads == 1 { Par::Seq } else { Par::threads(usize::from(self.threads)) }

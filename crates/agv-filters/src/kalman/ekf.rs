@@ -11,8 +11,8 @@
 //! covariance is carried to the corrected pose by [`Manifold::reset_jacobian`].
 
 use super::{
-    Correction, Gate, GaussianBelief, Innovation, Manifold, MeasurementModel, ProcessModel, innovation::Surprise,
-    matrix,
+    Correction, Gate, GaussianBelief, Innovation, Manifold, MeasurementModel, ProcessModel, Transition,
+    innovation::Surprise, matrix,
 };
 use agv_core::{Error, check};
 use nalgebra::{SMatrix, SVector};
@@ -93,7 +93,12 @@ impl<X: Manifold<N>, const N: usize> Ekf<X, N> {
     #[inline]
     pub fn predict<P: ProcessModel<X, N>>(&mut self, model: &P, control: &P::Control, dt: f64) -> Result<(), Error> {
         check::non_negative("dt", dt)?;
-        let moved = model.linearize(&self.belief.state, control, dt);
+        self.advance(&model.linearize(&self.belief.state, control, dt))
+    }
+
+    /// Moves the belief by a motion that was linearised at its state.
+    #[inline]
+    pub(super) fn advance(&mut self, moved: &Transition<X, N>) -> Result<(), Error> {
         let covariance = matrix::sandwich_plus(&moved.jacobian, &self.belief.covariance, &moved.noise);
         self.belief = GaussianBelief::stepped(moved.state, covariance)?;
         Ok(())

@@ -118,7 +118,7 @@ impl<X: Manifold<N>, const N: usize> RtsSmoother<X, N> {
         check::non_negative("dt", dt)?;
         let before = *self.ekf.belief();
         let moved = model.linearize(before.state(), control, dt);
-        self.ekf.predict(model, control, dt)?;
+        self.ekf.advance(&moved)?;
         let predicted = *self.ekf.belief();
         self.steps.push(Step { before, jacobian: moved.jacobian, noise: moved.noise, predicted });
         Ok(())
@@ -152,13 +152,13 @@ impl<X: Manifold<N>, const N: usize> RtsSmoother<X, N> {
     /// What is known exactly, as a bias that was given with no variance, stays as it is.
     ///
     /// # Errors
-    /// [`Error::NotFinite`] or [`Error::NotCovariance`] where rounding has left nothing to believe.
+    /// [`Error::NotFinite`] or [`Error::NotCovariance`] where rounding has left nothing to believe; nothing is written then.
     pub fn smooth_into(&self, smoothed: &mut Vec<GaussianBelief<X, N>>) -> Result<(), Error> {
         smoothed.clear();
         let mut later = *self.ekf.belief();
         smoothed.push(later);
         for step in self.steps.iter().rev() {
-            later = step.smooth(&later)?;
+            later = step.smooth(&later).inspect_err(|_| smoothed.clear())?;
             smoothed.push(later);
         }
         smoothed.reverse();

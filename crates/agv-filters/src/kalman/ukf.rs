@@ -66,7 +66,7 @@ impl Weights {
 /// An unscented Kalman filter for a state `X` of `N` degrees of freedom, over the same models as [`Ekf`](super::Ekf).
 ///
 /// Needs no Jacobians (a model that is only used here may return zeros) and is exact to the third order where the extended
-/// filter is to the first, for about `2N` times the work. Steps that return an error, and readings beyond the gate, leave the
+/// filter is to the first, for three to four times the work with three to five states. Steps that return an error, and readings beyond the gate, leave the
 /// belief as it was. Nothing allocates.
 ///
 /// ```

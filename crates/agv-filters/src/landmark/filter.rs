@@ -2,7 +2,7 @@
 
 use super::{
     CalibratedOdometry, CalibratedPose, DEGREES, EstimateClock, LandmarkFilterParams, LandmarkMap, Parameter, Sighting,
-    history::History,
+    history::{History, WINDOW},
     track::{Cursor, Track},
 };
 use crate::kalman::{Correction, Gate};
@@ -31,8 +31,13 @@ pub struct Learnt {
 ///
 /// Call `predict` with every increment of the odometry and `update` with every sighting, in the order of their arrival. A
 /// sighting may be late: it is taken in where it belongs, by its stamp and the latency learnt so far, and what was driven since
-/// is driven again. A sighting that does not know its landmark is given to the only one that explains it. Nothing allocates
-/// after construction. A `predict` costs a step of a filter of 15 states, an `update` one for every reading since.
+/// is driven again. Sightings come in the order of their stamps, give or take a quarter of a second; one that is older than the
+/// last by more is skipped. They are those of one sensor: a second one would need biases and a latency of its own (with priors
+/// of zero deviation, [`CalibrationPriors::KNOWN`](super::CalibrationPriors::KNOWN), several sensors may be mixed).
+///
+/// A sighting that does not know its landmark is given to the only one that explains it, at a cost of O(landmarks); it never
+/// raises doubt of the belief. Nothing allocates after construction. A `predict` costs one or two steps of a filter of 15 states, an
+/// `update` one for every reading since.
 ///
 /// ```
 /// use agv_core::geometry::{LieGroup, Se2, Twist2, UncertainVector};
@@ -102,7 +107,7 @@ impl TryFrom<RawFilter> for LandmarkFilter {
 /// Longest motion and largest deviation, in metres: beyond, the numbers have no meaning.
 const LARGEST: f64 = 1e6;
 
-/// Longest time that is bridged by holding the velocity, in seconds.
+/// Longest time that is bridged by holding the velocity, in seconds; so much older than the last may a sighting be.
 const REACH: f64 = 0.25;
 
 /// Most doublings of a doubted belief's variance: from a centimetre to some metres.
@@ -118,6 +123,7 @@ impl LandmarkFilter {
         check::in_range("history", params.history, 0.0, 60.0)?;
         check::at_least("patience", params.patience, 1)?;
         params.priors.validate()?;
+        check::in_range("latency", params.priors.latency.mean, -params.history, params.history)?;
         Ok(Self {
             map,
             params,
@@ -171,10 +177,6 @@ impl LandmarkFilter {
 
     /// Adds a checked motion to the track; the history is as it was if that fails.
     fn moved(&mut self, mut track: Track, start: Stamp, end: Stamp, piece: super::MotionPiece) -> Result<Track, Error> {
-        if let (true, Some(oldest)) = (self.history.is_full(), self.history.oldest_end()) {
-            track.anchor.advance(&self.model, &self.history, oldest)?;
-            self.history.forget(oldest);
-        }
         self.history.push(start, end, piece);
         let known = self.history.end().unwrap_or(end);
         track.stamp = Some(known);
@@ -183,6 +185,10 @@ impl LandmarkFilter {
                 cursor.time = cursor.time.or(Some(start));
             }
             track.anchor.advance(&self.model, &self.history, known + -self.params.history)?;
+            if let Some(overdue) = self.history.overdue() {
+                track.anchor.advance(&self.model, &self.history, overdue)?;
+                track.tip.advance(&self.model, &self.history, overdue)?;
+            }
             self.advance_tip(&mut track)?;
             self.pose(&track)
         };
@@ -190,7 +196,11 @@ impl LandmarkFilter {
             Ok(pose) => {
                 self.monitor.moved(&pose);
                 if let Some(kept) = track.anchor.time.min(track.tip.time) {
-                    self.history.forget(kept);
+                    // A velocity is a mean over a while.
+                    self.history.forget(kept + -WINDOW);
+                }
+                if let Some(overdue) = self.history.overdue() {
+                    self.history.forget(overdue);
                 }
                 Ok(track)
             }

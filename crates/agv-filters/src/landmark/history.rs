@@ -6,10 +6,10 @@ use nalgebra::Vector3;
 use std::collections::VecDeque;
 
 /// Most readings that are kept: the history of the default parameters at a kilohertz.
-const MOST: usize = 2048;
+pub(super) const MOST: usize = 2048;
 
 /// Time over which a velocity is a mean, in seconds: stamps of logs jitter by some milliseconds.
-const WINDOW: f64 = 0.1;
+pub(super) const WINDOW: f64 = 0.1;
 
 /// A reading and the time that it covers.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,21 +34,17 @@ pub(super) struct History {
 
 impl History {
     pub(super) fn new() -> Self {
-        Self { readings: VecDeque::with_capacity(MOST) }
+        // One more comes before the oldest goes.
+        Self { readings: VecDeque::with_capacity(MOST + 1) }
     }
 
     pub(super) fn clear(&mut self) {
         self.readings.clear();
     }
 
-    /// Whether another reading has room.
-    pub(super) fn is_full(&self) -> bool {
-        self.readings.len() >= MOST
-    }
-
-    /// End of the oldest reading.
-    pub(super) fn oldest_end(&self) -> Option<Stamp> {
-        self.readings.front().map(|reading| reading.end)
+    /// End of the oldest reading if it must go, for there are too many.
+    pub(super) fn overdue(&self) -> Option<Stamp> {
+        (self.readings.len() > MOST).then(|| self.readings.front().map(|reading| reading.end)).flatten()
     }
 
     /// End of the last reading.

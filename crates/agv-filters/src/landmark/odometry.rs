@@ -6,10 +6,11 @@
 //! X ← X exp(x', y', θ')                  e ← e exp(-Δt / T)
 //! ```
 //!
-//! The way lost goes against the motion, whichever its direction. What wanders does so while the vehicle moves.
+//! The way lost and the speed error go along the motion, whichever its direction, and vanish where the vehicle turns on the spot.
+//! A yaw bias counts while it turns; what wanders counts while it moves, and wanders all the time.
 
 use super::{CalibratedPose, DEGREES, OdometryNoise, Parameter};
-use crate::kalman::{ProcessModel, Transition};
+use crate::kalman::ProcessModel;
 use agv_core::{
     Error,
     geometry::{LieGroup, Se2},
@@ -130,14 +131,6 @@ impl ProcessModel<CalibratedPose, DEGREES> for CalibratedOdometry {
             noise[(parameter.row(), parameter.row())] = sigma * sigma * renewed;
         }
         noise
-    }
-
-    fn linearize(&self, state: &CalibratedPose, piece: &MotionPiece, dt: f64) -> Transition<CalibratedPose, DEGREES> {
-        Transition {
-            state: self.transition(state, piece, dt),
-            jacobian: self.jacobian(state, piece, dt),
-            noise: self.noise(state, piece, dt),
-        }
     }
 }
 

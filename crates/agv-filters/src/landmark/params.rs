@@ -10,7 +10,8 @@ pub enum RangeKind {
     /// The distance from the sensor: lasers, radio, sound.
     #[default]
     Distance,
-    /// The depth along the sensor's x axis: cameras that tell how far a landmark is by its size in the image, since an image
+    /// The depth along the sensor's x axis, handed over as the observation's range, which other users of it take for a distance:
+    /// cameras that tell how far a landmark is by its size in the image, since an image
     /// plane shows things as large as their depth makes them.
     Depth,
 }
@@ -166,9 +167,11 @@ pub struct LandmarkFilterParams {
     pub clock: EstimateClock,
     /// Probability that a sound sighting passes the gate, between 0 and 1.
     pub gate_probability: f64,
-    /// Sightings that contradict the belief one after the other before the belief is doubted instead of them.
+    /// Sightings of landmarks that they name which contradict the belief one after the other before the belief is doubted instead of
+    /// them.
     pub patience: usize,
-    /// Longest time from a sighting to its use, latency included, in seconds: odometry is kept for so long.
+    /// Longest time from a sighting to its use, latency included, in seconds; 60 at most. Odometry is kept for so long, but no more
+    /// than 2048 readings of it.
     pub history: f64,
     /// When the estimate is to be trusted.
     pub status: StatusParams,

@@ -4,7 +4,7 @@
 //! their information. That is mapping with known poses: the errors of the vehicle's poses must be independent between the
 //! sightings that are entered. Enter one sighting per pass, or the covariance shrinks by counting one error many times.
 
-use super::{fuse_poses, pose_distance};
+use super::fuse_poses;
 use agv_core::{
     Error, check,
     geometry::{Se2, UncertainPose, UncertainVector},
@@ -128,12 +128,12 @@ impl MarkerMap {
             self.markers.insert(sighting.id(), seen);
             return Ok(SurveyOutcome::Added);
         };
-        let nis = pose_distance(known, &seen)?;
-        if nis > gate {
-            return Ok(SurveyOutcome::Contradicted { nis });
+        let fused = fuse_poses(known, &seen)?;
+        if fused.nis > gate {
+            return Ok(SurveyOutcome::Contradicted { nis: fused.nis });
         }
-        *known = fuse_poses(known, &seen)?.pose;
-        Ok(SurveyOutcome::Fused { nis })
+        *known = fused.pose;
+        Ok(SurveyOutcome::Fused { nis: fused.nis })
     }
 }
 

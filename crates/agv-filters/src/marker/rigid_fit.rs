@@ -1,6 +1,7 @@
 //! The rigid motion of the plane that carries points onto measured points, weighted by the measured points' covariances.
 
 use agv_core::{
+    check,
     geometry::{LieGroup, Se2, UncertainPose},
     solve::NormalEquations,
 };
@@ -44,6 +45,7 @@ impl<const N: usize> RigidFit<N> {
         let mut pose = *start;
         for _ in 0..MAX_STEPS {
             let normal = self.linearized(&pose);
+            check::positive_definite("hessian", &normal.hessian).ok()?;
             let step = normal.hessian.cholesky()?.solve(&-normal.gradient);
             pose = pose.plus(&step);
             if step.norm() <= 1e-12 * (1.0 + pose.translation().norm()) {
@@ -70,6 +72,9 @@ impl<const N: usize> RigidFit<N> {
     }
 }
 
+/// Points nearer to each other than this share of their distance from the origin are one: the rest is rounding.
+const DISTINCT: f64 = 1e-9;
+
 /// The unweighted fit in closed form (Umeyama 1991, without scale): none without two distinct points.
 pub(super) fn rigid_motion(pairs: impl Iterator<Item = (Vector2<f64>, Vector2<f64>)> + Clone) -> Option<Se2> {
     let (mut sources, mut targets, mut count) = (Vector2::zeros(), Vector2::zeros(), 0.0);
@@ -77,14 +82,18 @@ pub(super) fn rigid_motion(pairs: impl Iterator<Item = (Vector2<f64>, Vector2<f6
         (sources, targets, count) = (sources + source, targets + target, count + 1.0);
     }
     let (sources, targets) = (sources / f64::max(count, 1.0), targets / f64::max(count, 1.0));
-    let (mut cos, mut sin) = (0.0, 0.0);
+    let (mut cos, mut sin, mut scale) = (0.0, 0.0, 0.0);
+    let mut is_spread = [false; 2];
     for (source, target) in pairs {
         let (a, b) = (source - sources, target - targets);
         cos += a.dot(&b);
         sin += a.perp(&b);
+        scale += a.norm() * b.norm();
+        is_spread[0] |= a.norm() > DISTINCT * source.norm();
+        is_spread[1] |= b.norm() > DISTINCT * target.norm();
     }
     let turned = f64::hypot(cos, sin);
-    (turned > 0.0 && turned.is_finite()).then(|| {
+    (is_spread == [true; 2] && turned > DISTINCT * scale && turned.is_finite()).then(|| {
         let yaw = f64::atan2(sin, cos);
         let rotation = Se2::new(0.0, 0.0, yaw);
         let place = targets - rotation * sources;
@@ -121,6 +130,12 @@ mod tests {
     fn what_leaves_the_pose_open_has_no_fit() {
         let point = Vector2::new(1.0, 2.0);
         assert!(rigid_motion([(point, point)].into_iter()).is_none());
+        // The mean of like numbers is not always that number.
+        for i in 0..200 {
+            let place = Vector2::new(0.1 + 0.37 * f64::from(i), 3.3 - 0.71 * f64::from(i));
+            assert!(rigid_motion([(place, point); 3].into_iter()).is_none(), "{place}");
+            assert!(rigid_motion([(point, place), (point * 2.0, place), (point * 3.0, place)].into_iter()).is_none());
+        }
         assert!(rigid_motion(std::iter::empty()).is_none());
         assert!(rigid_motion([(point, point * f64::NAN), (point, point)].into_iter()).is_none());
         let mut fit = RigidFit::<8>::default();

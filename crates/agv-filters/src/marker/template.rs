@@ -11,7 +11,7 @@ use super::{
 };
 use agv_core::{
     Error, check,
-    geometry::{LieGroup, Se2, UncertainPose},
+    geometry::{Se2, UncertainPose},
 };
 use nalgebra::{Matrix2, Vector2};
 
@@ -259,7 +259,8 @@ impl TemplateLibrary {
     /// Which codes are where the places are if the pattern lies like that; none for fewer than three, or against what was read.
     fn explain(&self, pose: &Se2, sighted: &[SightedCode]) -> Option<Proposal> {
         let mut proposal = Proposal { pose: *pose, codes: [None; MOST_SIGHTED], explained: 0, squares: 0.0 };
-        for (slot, code) in proposal.codes.iter_mut().zip(sighted) {
+        let numbers = |code: &SightedCode| code.place.iter().all(|value| value.is_finite());
+        for (slot, code) in proposal.codes.iter_mut().zip(sighted).filter(|(_, code)| numbers(code)) {
             let place = *pose * code.place;
             let distances = self.codes.iter().map(|(_, known)| (place - known).norm_squared()).enumerate();
             let Some((nearest, squared)) = distances.min_by(|a, b| a.1.total_cmp(&b.1)) else { continue };
@@ -290,7 +291,6 @@ impl TemplateLibrary {
             }
         }
         let fitted = fit.solve(&best.pose)?;
-        debug_assert!(fitted.pose.mean().is_finite());
         Some(Identification {
             ids,
             explained: best.explained,

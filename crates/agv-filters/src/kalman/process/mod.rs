@@ -88,9 +88,10 @@ pub trait ProcessModel<X: Manifold<N>, const N: usize> {
 
     /// The state `dt` seconds later with a draw of the noise, for particle filters; Gaussian unless the model says otherwise.
     fn sample(&self, state: &X, control: &Self::Control, dt: f64, stream: &mut Stream) -> X {
-        let root = crate::particle::semidefinite_root(&self.noise(state, control, dt));
+        let moved = self.linearize(state, control, dt);
+        let root = crate::particle::semidefinite_root(&moved.noise);
         let unit = SVector::<f64, N>::from_fn(|_, _| StandardNormal.sample(stream));
-        self.transition(state, control, dt).boxplus(&(root * unit))
+        moved.state.boxplus(&(root * unit))
     }
 }
 

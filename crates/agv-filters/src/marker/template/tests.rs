@@ -1,5 +1,6 @@
 use super::*;
 use agv_core::compute::Seed;
+use agv_core::geometry::LieGroup;
 use proptest::prelude::*;
 use rand_distr::{Distribution, StandardNormal};
 
