@@ -51,7 +51,7 @@ pub use motion::{
     OmnidirectionalNoise, OmnidirectionalOdometryModel, PriorMotionModel, PriorNoise, VelocityModel, VelocityNoise,
 };
 pub use proposal::{
-    LikelihoodSearch, LikelihoodSearchParams, ObservedPose, PoseProposal, ProposalContext,
+    LikelihoodSearch, LikelihoodSearchParams, MarkerProposal, ObservedPose, PoseProposal, ProposalContext,
     UniformProposal,
 };
 pub use recovery::{Recovery, RecoveryParams};
