@@ -57,7 +57,7 @@ fn main() -> ExitCode {
         let hall = Hall::new()?;
         let (mut errors, mut first) = (Vec::new(), None);
         let progress = Progress::new(args.seeds as usize, "driving");
-        for seed in progress.over((0..args.seeds).map(|i| Seed(args.common.seed.wrapping_add(i)))) {
+        for seed in progress.over(args.common.seeds(args.seeds)) {
             let drive = Drive::new(&hall, seed)?;
             let estimates = Estimates::of(&drive, &hall, &args, seed)?;
             errors.push(estimates.errors(&drive)?);

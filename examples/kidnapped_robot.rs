@@ -76,7 +76,7 @@ fn main() -> ExitCode {
 
 impl Args {
     fn seeds(&self) -> impl Iterator<Item = Seed> {
-        (0..self.seeds).map(|i| Seed(self.common.seed.wrapping_add(i)))
+        self.common.seeds(self.seeds)
     }
 }
 

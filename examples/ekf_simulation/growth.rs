@@ -23,7 +23,7 @@ use agv_support::{
     plot::{Color, TimeSeries},
 };
 use rand_distr::{Distribution, Gamma, StandardNormal};
-use std::{f64::consts::PI, ops::Range, path::Path};
+use std::{f64::consts::PI, path::Path};
 
 /// Steps of the original; the paper runs 1000.
 const STEPS: [u32; 2] = [60, 1000];
@@ -99,12 +99,12 @@ struct Track {
     found: [Vec<f64>; FILTERS.len()],
 }
 
-fn run(model: &Growth, steps: u32, seed: u64) -> Result<Track> {
-    let mut stream = Seed(seed).stream(0, 0);
+fn run(model: &Growth, steps: u32, seed: Seed) -> Result<Track> {
+    let mut stream = seed.stream(0, 0);
     let start = GaussianBelief::new(Vector1::new(1.0), Matrix1::new(1e-4))?;
     let mut truth = *start.state();
-    let mut few = BootstrapFilter::around(&start, 200, Seed(seed).derive(1))?;
-    let mut many = BootstrapFilter::around(&start, 1000, Seed(seed).derive(2))?;
+    let mut few = BootstrapFilter::around(&start, 200, seed.derive(1))?;
+    let mut many = BootstrapFilter::around(&start, 1000, seed.derive(2))?;
     let mut ekf = Ekf::from(start);
     let mut iekf = Ekf::from(start);
     // As in the original: α = 1, β = 0, κ = 2.
@@ -141,12 +141,12 @@ fn run(model: &Growth, steps: u32, seed: u64) -> Result<Track> {
 }
 
 /// Both readings of Gamma, over both lengths.
-pub(crate) fn experiment(seeds: Range<u64>, out: &Path) -> Result<Vec<Report>> {
+pub(crate) fn experiment(seeds: &[Seed], out: &Path) -> Result<Vec<Report>> {
     let mut reports = Vec::new();
     for (reading, scale) in [("rate", 0.5), ("scale", 2.0)] {
         let model = Growth::new(scale)?;
         for steps in STEPS {
-            let tracks = seeds.clone().map(|seed| run(&model, steps, seed)).collect::<Result<Vec<_>>>()?;
+            let tracks = seeds.iter().map(|&seed| run(&model, steps, seed)).collect::<Result<Vec<_>>>()?;
             let mut report = Report::new("Growth of Eq. 9");
             report.text("gamma", format!("{reading} 2")).count("steps", steps as usize);
             for (index, name) in FILTERS.iter().enumerate() {

@@ -19,7 +19,7 @@ use agv_support::{
     plot::{Color, Scene, TimeSeries},
 };
 use rand_distr::{Distribution, StandardNormal};
-use std::{ops::Range, path::Path};
+use std::path::Path;
 
 const DT: f64 = 0.1;
 const STEPS: usize = 600;
@@ -71,8 +71,8 @@ fn draw(stream: &mut agv_nav::core::compute::Stream) -> Vector3<f64> {
 type Track = Vec<(Se2, Se2)>;
 
 /// One run that starts in the steady state, its first error drawn from the covariance.
-fn run(model: &Eq16, settled: &Matrix3<f64>, seed: u64) -> Result<(Run, Track)> {
-    let mut stream = Seed(seed).stream(0, 0);
+fn run(model: &Eq16, settled: &Matrix3<f64>, seed: Seed) -> Result<(Run, Track)> {
+    let mut stream = seed.stream(0, 0);
     let sensor = PoseReading::new(Matrix3::from_diagonal(&Vector3::from(READING).map(|sigma| sigma * sigma)))?;
     let start = PlanarPose::from(Vector3::zeros());
     let mut ekf = Ekf::new(start, *settled)?;
@@ -113,12 +113,12 @@ fn settled(model: &Eq16) -> Result<Matrix3<f64>> {
 }
 
 /// Both readings of the noise.
-pub(crate) fn experiment(seeds: Range<u64>, out: &Path) -> Result<Vec<Report>> {
+pub(crate) fn experiment(seeds: &[Seed], out: &Path) -> Result<Vec<Report>> {
     let mut reports = Vec::new();
     for (reading, variance) in [("per step", 1e-3), ("times dt", 1e-3 * DT * DT)] {
         let model = Eq16 { variance };
         let settled = settled(&model)?;
-        let runs = seeds.clone().map(|seed| run(&model, &settled, seed)).collect::<Result<Vec<_>>>()?;
+        let runs = seeds.iter().map(|&seed| run(&model, &settled, seed)).collect::<Result<Vec<_>>>()?;
         reports.push(report(reading, variance, &runs.iter().map(|(run, _)| run).collect::<Vec<_>>())?);
         if let Some((_, track)) = runs.first() {
             draw_run(reading, track, out)?;

@@ -27,7 +27,7 @@ use agv_support::{
     plot::{Color, Scene},
 };
 use rand_distr::{Distribution, StandardNormal};
-use std::{f64::consts::TAU, ops::Range, path::Path};
+use std::{f64::consts::TAU, path::Path};
 
 const DT: f64 = 0.05;
 /// Standard deviations over the runs: of the odometry's scale of distances and of turns, and of the gyro's drift in rad/s.
@@ -59,8 +59,8 @@ type Poses = [Se2; 4];
 /// Who believes, in that order.
 const BELIEVERS: [&str; 3] = ["odometry", "ekf", "mcl"];
 
-fn run(map: &Grid<CellState>, twist: &Twist2, seed: u64) -> Result<Vec<Poses>> {
-    let mut stream = Seed(seed).derive(7).stream(0, 0);
+fn run(map: &Grid<CellState>, twist: &Twist2, seed: Seed) -> Result<Vec<Poses>> {
+    let mut stream = seed.derive(7).stream(0, 0);
     let mut normal = || -> f64 { StandardNormal.sample(&mut stream) };
     let odometry = OdometryErrors {
         distance_scale: DISTANCE_SCALE * normal(),
@@ -69,10 +69,9 @@ fn run(map: &Grid<CellState>, twist: &Twist2, seed: u64) -> Result<Vec<Poses>> {
     };
     let drift = DRIFT * normal();
     let start = Se2::new(0.0, -1.0, 0.0);
-    let mut vehicle =
-        Vehicle::new(VehicleParams { odometry, ..VehicleParams::default() }, start, Seed(seed).derive(1))?;
+    let mut vehicle = Vehicle::new(VehicleParams { odometry, ..VehicleParams::default() }, start, seed.derive(1))?;
     let world = GridWorld::new(map);
-    let mut laser = Laser::new(LaserParams::default().with_beams(360, TAU), Seed(seed).derive(2))?;
+    let mut laser = Laser::new(LaserParams::default().with_beams(360, TAU), seed.derive(2))?;
 
     let field = LikelihoodField::new(map, LikelihoodFieldParams::default())?;
     let sensor = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default())?;
@@ -82,7 +81,7 @@ fn run(map: &Grid<CellState>, twist: &Twist2, seed: u64) -> Result<Vec<Poses>> {
         sensor,
         FreeSpace::new(map, 0.2)?,
         MclParams { particles: 500, ..Default::default() },
-        Seed(seed).derive(3),
+        seed.derive(3),
     )?;
     let spread = Matrix3::from_diagonal(&Vector3::new(1e-4, 1e-4, 1e-4));
     mcl.initialize(&PoseBelief::around(start, spread)?)?;
@@ -124,11 +123,11 @@ fn run(map: &Grid<CellState>, twist: &Twist2, seed: u64) -> Result<Vec<Poses>> {
 }
 
 /// A circle and a turn on the spot.
-pub(crate) fn experiment(seeds: Range<u64>, out: &Path) -> Result<Vec<Report>> {
+pub(crate) fn experiment(seeds: &[Seed], out: &Path) -> Result<Vec<Report>> {
     let map = room()?;
     let mut reports = Vec::new();
     for (name, twist) in [("circle", Twist2::new(0.4, 0.0, 0.4)), ("on_the_spot", Twist2::new(0.0, 0.0, 0.4))] {
-        let tracks = seeds.clone().map(|seed| run(&map, &twist, seed)).collect::<Result<Vec<_>>>()?;
+        let tracks = seeds.iter().map(|&seed| run(&map, &twist, seed)).collect::<Result<Vec<_>>>()?;
         let ends: Vec<Poses> = tracks.iter().filter_map(|track| track.last().copied()).collect();
         let mut report = Report::new("One turn of Figs. 41 to 43");
         report.text("turn", name);
