@@ -168,12 +168,15 @@ fn mean_square(truth: &[f64], found: &[f64]) -> f64 {
 }
 
 fn draw(track: &Track, reading: &str, out: &Path) -> Result<()> {
-    let points = |values: &[f64]| values.iter().enumerate().map(|(k, &x)| (k as f64 + 1.0, x)).collect::<Vec<_>>();
-    TimeSeries::new(format!("Eq. 9, Gamma(3, 2) as a {reading}"), "step", "state")
-        .curve("truth", Color::Black, points(&track.truth))
-        .curve("200 particles", Color::Green, points(&track.found[0]))
-        .curve("extended", Color::Blue, points(&track.found[2]))
-        .curve("unscented", Color::Orange, points(&track.found[4]))
+    // The states themselves lie on one another.
+    let errors = |found: &[f64]| {
+        let errors = (1..).zip(track.truth.iter().zip(found)).map(|(k, (truth, found))| (f64::from(k), found - truth));
+        errors.collect::<Vec<_>>()
+    };
+    TimeSeries::new(format!("Errors in Eq. 9, Gamma(3, 2) as a {reading}"), "step", "estimate less state")
+        .curve("200 particles", Color::Green, errors(&track.found[0]))
+        .curve("extended", Color::Blue, errors(&track.found[2]))
+        .curve("unscented", Color::Orange, errors(&track.found[4]))
         .write(out.join(format!("growth_{reading}.svg")))?;
     Ok(())
 }

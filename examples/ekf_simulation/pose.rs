@@ -177,7 +177,7 @@ fn draw_run(reading: &str, track: &Track, out: &Path) -> Result<()> {
             (i as f64 * DT, distance.norm(), found.between(truth).yaw().abs())
         })
     };
-    TimeSeries::new(format!("Errors, noise {reading}"), "time [s]", "error [m, rad]")
+    TimeSeries::new(format!("Errors, noise {reading}"), "time, s", "error, m or rad")
         .curve("position", Color::Blue, errors().map(|(t, position, _)| (t, position)))
         .curve("heading", Color::Orange, errors().map(|(t, _, heading)| (t, heading)))
         .write(out.join(format!("pose_{name}_errors.svg")))?;

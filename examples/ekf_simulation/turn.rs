@@ -24,7 +24,7 @@ use agv_nav::{
 use agv_sim::{GridWorld, Laser, LaserParams, OdometryErrors, Vehicle, VehicleParams};
 use agv_support::{
     cli::Report,
-    plot::{Color, Scene},
+    plot::{Color, Scene, TimeSeries},
 };
 use rand_distr::{Distribution, StandardNormal};
 use std::{f64::consts::TAU, path::Path};
@@ -149,14 +149,34 @@ pub(crate) fn experiment(seeds: &[Seed], out: &Path) -> Result<Vec<Report>> {
         report.number("runs_in_the_papers_order", ordered.count() as f64 / ends.len() as f64);
         reports.push(report);
         if let Some(track) = tracks.first() {
-            Scene::new(format!("One turn: {name}"))
-                .map(&map)
-                .trajectory("truth", Color::Black, track.iter().map(|poses| &poses[3]))
-                .trajectory("odometry", Color::Red, track.iter().map(|poses| &poses[0]))
-                .trajectory("odometry and IMU", Color::Orange, track.iter().map(|poses| &poses[1]))
-                .trajectory("particles", Color::Blue, track.iter().map(|poses| &poses[2]))
-                .write(out.join(format!("turn_{name}.svg")))?;
+            draw(&map, name, track, out)?;
         }
     }
     Ok(reports)
+}
+
+/// Names and colours of the believers in the pictures.
+const CURVES: [(&str, Color); BELIEVERS.len()] =
+    [("odometry", Color::Red), ("odometry and IMU", Color::Orange), ("particles", Color::Blue)];
+
+/// The turn from above, where there is something to see of it, and how far each is off.
+fn draw(map: &Grid<CellState>, name: &str, track: &[Poses], out: &Path) -> Result<()> {
+    let title = name.replace('_', " ");
+    if name == "circle" {
+        let truth = track.iter().map(|poses| &poses[3]);
+        let mut scene = Scene::new(format!("One turn: {title}")).map(map).trajectory("truth", Color::Black, truth);
+        for (index, (believer, color)) in CURVES.into_iter().enumerate() {
+            let poses = track.iter().map(|poses| &poses[index]);
+            scene = scene.trajectory(believer, color, poses);
+        }
+        scene.write(out.join(format!("turn_{name}.svg")))?;
+    }
+    let mut errors = TimeSeries::new(format!("One turn, {title}: error of the position"), "time, s", "error, m");
+    for (index, (believer, color)) in CURVES.into_iter().enumerate() {
+        let error = |poses: &Poses| (poses[index].translation() - poses[3].translation()).norm();
+        let points = (1..).zip(track).map(|(step, poses)| (f64::from(step) * DT, error(poses)));
+        errors = errors.curve(believer, color, points);
+    }
+    errors.write(out.join(format!("turn_{name}_errors.svg")))?;
+    Ok(())
 }
