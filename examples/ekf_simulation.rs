@@ -41,12 +41,12 @@ fn main() -> ExitCode {
     let args = Args::parse();
     agv_support::run(|| {
         let out = args.common.out_folder("ekf_simulation")?;
-        let seeds = args.common.seeds(args.seeds);
+        let seeds: Vec<_> = args.common.seeds(args.seeds).collect();
         let mut report = Report::new("Kalman filters of papers 000 and 001");
         report.count("seeds", args.seeds as usize);
-        report.reports("pose", pose::experiment(seeds.clone(), &out)?);
-        report.reports("turn", turn::experiment(seeds.clone(), &out)?);
-        report.reports("growth", growth::experiment(seeds, &out)?);
+        report.reports("pose", pose::experiment(&seeds, &out)?);
+        report.reports("turn", turn::experiment(&seeds, &out)?);
+        report.reports("growth", growth::experiment(&seeds, &out)?);
         report.print(args.common.json)?;
         Result::Ok(())
     })

@@ -224,7 +224,7 @@ fn draw(out: &FilePath, site: &Site, drive: &Drive, outcomes: &[Vec<Outcome>]) -
         scene = scene.mark("", Color::Grey, code.map_from_code.translation());
     }
     scene = scene.trajectory("truth", Color::Black, drive.steps.iter().map(|step| &step.truth));
-    let mut errors = TimeSeries::new(format!("Distance from the truth: {}", site.name), "time, s", "m");
+    let mut errors = TimeSeries::new(format!("Distance from the truth: {}", site.name), "time, s", "error, m");
     let mut counts = TimeSeries::new(format!("Particles: {}", site.name), "time, s", "particles");
     for ((kind, outcomes), color) in Kind::ALL.iter().zip(outcomes).zip(COLORS) {
         let name = if site.route.is_empty() { Kind::Search.name() } else { kind.name() };

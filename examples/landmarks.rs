@@ -122,11 +122,12 @@ fn draw(out: &FilePath, log: &MrclamLog, replay: &Replay) -> Result<()> {
     let mut scene = Scene::new("Landmarks, truth and estimate")
         .trajectory("truth", Color::Green, replay.samples.iter().map(|one| &one.truth))
         .trajectory("estimate", Color::Blue, replay.samples.iter().map(|one| &one.estimate));
-    for (id, place) in &log.landmarks {
-        scene = scene.mark(&id.to_string(), Color::Red, *place);
+    for (index, (_, place)) in log.landmarks.iter().enumerate() {
+        // One name for all of them.
+        scene = scene.mark(if index == 0 { "landmarks" } else { "" }, Color::Red, *place);
     }
     scene.write(out.join("landmarks.svg"))?;
-    TimeSeries::new("Error of the position", "time in s", "m")
+    TimeSeries::new("Error of the position", "time, s", "error, m")
         .curve("error", Color::Blue, replay.samples.iter().map(|one| (one.time, one.error.x.hypot(one.error.y))))
         .curve("standard deviation", Color::Grey, replay.samples.iter().map(|one| (one.time, one.position_sigma)))
         .write(out.join("landmarks_error.svg"))?;

@@ -96,8 +96,7 @@ fn drive(args: &Args, site: &Site, variant: Variant, progress: &Progress) -> Res
         uses_unread: !args.leave_unread,
         par: args.common.par(),
     };
-    let seeds = args.common.seeds(args.seeds);
-    progress.over(seeds).map(|seed| Run::new(site, runs, variant, seed)).collect()
+    progress.over(args.common.seeds(args.seeds)).map(|seed| Run::new(site, runs, variant, seed)).collect()
 }
 
 /// Mean and greatest value.

@@ -154,7 +154,7 @@ fn drive(
     progress: &Progress,
 ) -> Result<Vec<PathRun>> {
     let path = path.path()?;
-    let seeds = args.common.seeds(args.seeds);
+    let seeds = (0..args.seeds).map(|i| Seed(args.common.seed.wrapping_add(i)));
     let run = |seed| {
         let (mut tracker, mut filter) = (tracker.build(args)?, PoseFilter::new(PoseFilterParams::default())?);
         let localizer = (args.feedback == FeedbackName::Filtered).then_some(&mut filter as &mut PoseLocalizer);

@@ -141,12 +141,12 @@ fn run(model: &Growth, steps: u32, seed: Seed) -> Result<Track> {
 }
 
 /// Both readings of Gamma, over both lengths.
-pub(crate) fn experiment(seeds: impl Iterator<Item = Seed> + Clone, out: &Path) -> Result<Vec<Report>> {
+pub(crate) fn experiment(seeds: &[Seed], out: &Path) -> Result<Vec<Report>> {
     let mut reports = Vec::new();
     for (reading, scale) in [("rate", 0.5), ("scale", 2.0)] {
         let model = Growth::new(scale)?;
         for steps in STEPS {
-            let tracks = seeds.clone().map(|seed| run(&model, steps, seed)).collect::<Result<Vec<_>>>()?;
+            let tracks = seeds.iter().map(|&seed| run(&model, steps, seed)).collect::<Result<Vec<_>>>()?;
             let mut report = Report::new("Growth of Eq. 9");
             report.text("gamma", format!("{reading} 2")).count("steps", steps as usize);
             for (index, name) in FILTERS.iter().enumerate() {
@@ -168,12 +168,15 @@ fn mean_square(truth: &[f64], found: &[f64]) -> f64 {
 }
 
 fn draw(track: &Track, reading: &str, out: &Path) -> Result<()> {
-    let points = |values: &[f64]| values.iter().enumerate().map(|(k, &x)| (k as f64 + 1.0, x)).collect::<Vec<_>>();
-    TimeSeries::new(format!("Eq. 9, Gamma(3, 2) as a {reading}"), "step", "state")
-        .curve("truth", Color::Black, points(&track.truth))
-        .curve("200 particles", Color::Green, points(&track.found[0]))
-        .curve("extended", Color::Blue, points(&track.found[2]))
-        .curve("unscented", Color::Orange, points(&track.found[4]))
+    // The states themselves lie on one another.
+    let errors = |found: &[f64]| {
+        let errors = (1..).zip(track.truth.iter().zip(found)).map(|(k, (truth, found))| (f64::from(k), found - truth));
+        errors.collect::<Vec<_>>()
+    };
+    TimeSeries::new(format!("Errors in Eq. 9, Gamma(3, 2) as a {reading}"), "step", "estimate less state")
+        .curve("200 particles", Color::Green, errors(&track.found[0]))
+        .curve("extended", Color::Blue, errors(&track.found[2]))
+        .curve("unscented", Color::Orange, errors(&track.found[4]))
         .write(out.join(format!("growth_{reading}.svg")))?;
     Ok(())
 }

@@ -113,12 +113,12 @@ fn settled(model: &Eq16) -> Result<Matrix3<f64>> {
 }
 
 /// Both readings of the noise.
-pub(crate) fn experiment(seeds: impl Iterator<Item = Seed> + Clone, out: &Path) -> Result<Vec<Report>> {
+pub(crate) fn experiment(seeds: &[Seed], out: &Path) -> Result<Vec<Report>> {
     let mut reports = Vec::new();
     for (reading, variance) in [("per step", 1e-3), ("times dt", 1e-3 * DT * DT)] {
         let model = Eq16 { variance };
         let settled = settled(&model)?;
-        let runs = seeds.clone().map(|seed| run(&model, &settled, seed)).collect::<Result<Vec<_>>>()?;
+        let runs = seeds.iter().map(|&seed| run(&model, &settled, seed)).collect::<Result<Vec<_>>>()?;
         reports.push(report(reading, variance, &runs.iter().map(|(run, _)| run).collect::<Vec<_>>())?);
         if let Some((_, track)) = runs.first() {
             draw_run(reading, track, out)?;
@@ -177,7 +177,7 @@ fn draw_run(reading: &str, track: &Track, out: &Path) -> Result<()> {
             (i as f64 * DT, distance.norm(), found.between(truth).yaw().abs())
         })
     };
-    TimeSeries::new(format!("Errors, noise {reading}"), "time [s]", "error [m, rad]")
+    TimeSeries::new(format!("Errors, noise {reading}"), "time, s", "error, m or rad")
         .curve("position", Color::Blue, errors().map(|(t, position, _)| (t, position)))
         .curve("heading", Color::Orange, errors().map(|(t, _, heading)| (t, heading)))
         .write(out.join(format!("pose_{name}_errors.svg")))?;

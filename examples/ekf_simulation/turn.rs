@@ -24,7 +24,7 @@ use agv_nav::{
 use agv_sim::{GridWorld, Laser, LaserParams, OdometryErrors, Vehicle, VehicleParams};
 use agv_support::{
     cli::Report,
-    plot::{Color, Scene},
+    plot::{Color, Scene, TimeSeries},
 };
 use rand_distr::{Distribution, StandardNormal};
 use std::{f64::consts::TAU, path::Path};
@@ -123,11 +123,11 @@ fn run(map: &Grid<CellState>, twist: &Twist2, seed: Seed) -> Result<Vec<Poses>> 
 }
 
 /// A circle and a turn on the spot.
-pub(crate) fn experiment(seeds: impl Iterator<Item = Seed> + Clone, out: &Path) -> Result<Vec<Report>> {
+pub(crate) fn experiment(seeds: &[Seed], out: &Path) -> Result<Vec<Report>> {
     let map = room()?;
     let mut reports = Vec::new();
     for (name, twist) in [("circle", Twist2::new(0.4, 0.0, 0.4)), ("on_the_spot", Twist2::new(0.0, 0.0, 0.4))] {
-        let tracks = seeds.clone().map(|seed| run(&map, &twist, seed)).collect::<Result<Vec<_>>>()?;
+        let tracks = seeds.iter().map(|&seed| run(&map, &twist, seed)).collect::<Result<Vec<_>>>()?;
         let ends: Vec<Poses> = tracks.iter().filter_map(|track| track.last().copied()).collect();
         let mut report = Report::new("One turn of Figs. 41 to 43");
         report.text("turn", name);
@@ -149,14 +149,34 @@ pub(crate) fn experiment(seeds: impl Iterator<Item = Seed> + Clone, out: &Path) 
         report.number("runs_in_the_papers_order", ordered.count() as f64 / ends.len() as f64);
         reports.push(report);
         if let Some(track) = tracks.first() {
-            Scene::new(format!("One turn: {name}"))
-                .map(&map)
-                .trajectory("truth", Color::Black, track.iter().map(|poses| &poses[3]))
-                .trajectory("odometry", Color::Red, track.iter().map(|poses| &poses[0]))
-                .trajectory("odometry and IMU", Color::Orange, track.iter().map(|poses| &poses[1]))
-                .trajectory("particles", Color::Blue, track.iter().map(|poses| &poses[2]))
-                .write(out.join(format!("turn_{name}.svg")))?;
+            draw(&map, name, track, out)?;
         }
     }
     Ok(reports)
+}
+
+/// Names and colours of the believers in the pictures.
+const CURVES: [(&str, Color); BELIEVERS.len()] =
+    [("odometry", Color::Red), ("odometry and IMU", Color::Orange), ("particles", Color::Blue)];
+
+/// The turn from above, where there is something to see of it, and how far each is off.
+fn draw(map: &Grid<CellState>, name: &str, track: &[Poses], out: &Path) -> Result<()> {
+    let title = name.replace('_', " ");
+    if name == "circle" {
+        let truth = track.iter().map(|poses| &poses[3]);
+        let mut scene = Scene::new(format!("One turn: {title}")).map(map).trajectory("truth", Color::Black, truth);
+        for (index, (believer, color)) in CURVES.into_iter().enumerate() {
+            let poses = track.iter().map(|poses| &poses[index]);
+            scene = scene.trajectory(believer, color, poses);
+        }
+        scene.write(out.join(format!("turn_{name}.svg")))?;
+    }
+    let mut errors = TimeSeries::new(format!("One turn, {title}: error of the position"), "time, s", "error, m");
+    for (index, (believer, color)) in CURVES.into_iter().enumerate() {
+        let error = |poses: &Poses| (poses[index].translation() - poses[3].translation()).norm();
+        let points = (1..).zip(track).map(|(step, poses)| (f64::from(step) * DT, error(poses)));
+        errors = errors.curve(believer, color, points);
+    }
+    errors.write(out.join(format!("turn_{name}_errors.svg")))?;
+    Ok(())
 }

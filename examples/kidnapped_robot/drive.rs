@@ -4,10 +4,7 @@ use super::{
     Result,
     site::{PER_METRE, RADIUS, Site},
 };
-use agv_nav::{
-    core::{geometry::UncertainPose, sensors::PoseObservation},
-    prelude::*,
-};
+use agv_nav::{core::sensors::MarkerObservation, prelude::*};
 use agv_sim::{Body, FloorCamera, FloorCameraParams, Laser, LaserParams, OdometryErrors, Vehicle, VehicleParams};
 use rand::RngExt;
 
@@ -25,8 +22,8 @@ pub(crate) struct Step {
     pub(crate) time: f64,
     pub(crate) odometry: OdometryIncrement,
     pub(crate) scan: LaserScan,
-    /// Where a code under the vehicle says that it is.
-    pub(crate) code: Option<PoseObservation<Se2>>,
+    /// A code under the vehicle.
+    pub(crate) code: Option<MarkerObservation<Se2>>,
     pub(crate) truth: Se2,
     /// The vehicle stands at a station.
     pub(crate) is_standing: bool,
@@ -69,11 +66,7 @@ impl<'a> Simulated<'a> {
         let truth = self.vehicle.truth();
         let (pose, stamp) = (truth.map_from_base, truth.stamp);
         let scan = self.laser.scan(self.site.world.as_ref(), &pose, &truth.twist, stamp)?.clone();
-        let seen = self.camera.look(&pose, stamp)?.first().copied();
-        let code = seen.map(|seen| {
-            let map_from_code = UncertainPose::exact(self.site.codes[seen.id() as usize].map_from_code);
-            PoseObservation::new(stamp, seen.map_from_base(&map_from_code))
-        });
+        let code = self.camera.look(&pose, stamp)?.first().copied();
         self.step += 1;
         Ok(Step { time: self.step as f64 * DT, odometry, scan, code, truth: pose, is_standing })
     }

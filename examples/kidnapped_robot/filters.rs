@@ -4,20 +4,28 @@ use super::{Result, drive::Step, site::Site};
 use agv_nav::{
     core::{
         compute::Par,
-        geometry::UncertainPose,
         grid::{LikelihoodField, LikelihoodFieldParams},
-        roles::SkipReason,
-        sensors::PoseObservation,
+        sensors::MarkerObservation,
     },
-    filters::particle::{
-        Amcl, AmclParams, DifferentialOdometryModel, EffectiveSampleSizeBelow, KldParams, KldSampling,
-        LikelihoodFieldModel, LikelihoodFieldModelParams, Mcl, MclParams, MotionThreshold, ObservedPose, OdometryNoise,
-        PoseProposal, ProposalContext, RecoveryParams, SampleSize, Systematic, TemperingParams, UniformProposal,
-        WeighParticles,
+    filters::{
+        marker::{MarkerLocalizer, MarkerLocalizerParams},
+        particle::{
+            Amcl, AmclParams, DifferentialOdometryModel, EffectiveSampleSizeBelow, KldParams, KldSampling,
+            LikelihoodFieldModel, LikelihoodFieldModelParams, LikelihoodSearch, LikelihoodSearchParams, MarkerModel,
+            MarkerModelParams, MarkerProposal, Mcl, MclParams, MotionThreshold, OdometryNoise, PoseProposal,
+            RecoveryParams, SampleSize, Sensors, Systematic, TemperingParams, UniformProposal,
+        },
     },
     nalgebra::{Matrix3, Vector3},
     prelude::*,
 };
+
+/// The laser, and codes on the floor.
+type LaserAndCodes = Sensors<LikelihoodFieldModel, Option<MarkerModel>>;
+
+/// Codes count for as much as they say: a third of the particles are drawn from a code itself, which is dense enough.
+const CODES: MarkerModelParams =
+    MarkerModelParams { position_sigma: 1e-3, heading_sigma: 1e-3, outlier: 1e-3, area: 100.0 };
 
 /// Which filter.
 #[derive(Clone, Copy, PartialEq, Eq, Debug)]
@@ -56,7 +64,10 @@ impl Kind {
         let field = LikelihoodField::new(&site.map, LikelihoodFieldParams::default())?;
         let laser = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default())?;
         let motion = DifferentialOdometryModel::new(OdometryNoise::uniform(0.05))?;
-        let (space, sensors) = (site.free_space.clone(), Sensors { laser });
+        let (space, codes) = (site.free_space.clone(), site.code_map.clone());
+        let markers = (!codes.is_empty()).then(|| MarkerModel::new(codes.iter().map(|(id, &pose)| (id, pose)), CODES));
+        let sensors = LaserAndCodes { scans: laser, markers: markers.transpose()?, landmarks: () };
+        let codes = MarkerLocalizer::new(codes, MarkerLocalizerParams::default())?;
         // Paper 001 starts with 1500 particles where their number adapts.
         let kld = KldParams { max_particles: 1500, ..KldParams::default() };
         let mcl = |particles| {
@@ -78,11 +89,12 @@ impl Kind {
                 };
                 let amcl = Amcl::new(motion, sensors, space, params, seed)?.with_parallelism(par);
                 // Uniform for scans; a code is drawn from all the same.
-                Box::new(Adaptive { amcl: amcl.with_proposal(Anywhere), with_codes })
+                Box::new(Adaptive { amcl: amcl.with_proposal(MarkerProposal::new(codes, UniformProposal)), with_codes })
             }
             Self::Search | Self::SearchAndCodes => {
                 let amcl = Amcl::new(motion, sensors, space, AmclParams::default(), seed)?.with_parallelism(par);
-                Box::new(Adaptive { amcl, with_codes })
+                let search = LikelihoodSearch::new(LikelihoodSearchParams::default())?;
+                Box::new(Adaptive { amcl: amcl.with_proposal(MarkerProposal::new(codes, search)), with_codes })
             }
         };
         filter.start(belief)?;
@@ -107,7 +119,7 @@ pub(crate) trait Filter {
 struct Plain<F>(F);
 
 struct Adaptive<G> {
-    amcl: Amcl<DifferentialOdometryModel, Sensors, G>,
+    amcl: Amcl<DifferentialOdometryModel, LaserAndCodes, G>,
     with_codes: bool,
 }
 
@@ -131,7 +143,7 @@ macro_rules! filter_methods {
     };
 }
 
-type Sized<N> = Mcl<DifferentialOdometryModel, Sensors, Systematic, EffectiveSampleSizeBelow, MotionThreshold, N>;
+type Sized<N> = Mcl<DifferentialOdometryModel, LaserAndCodes, Systematic, EffectiveSampleSizeBelow, MotionThreshold, N>;
 
 impl<N: SampleSize> Filter for Plain<Sized<N>> {
     filter_methods!(0);
@@ -147,7 +159,7 @@ impl<N: SampleSize> Filter for Plain<Sized<N>> {
 
 impl<G> Filter for Adaptive<G>
 where
-    G: PoseProposal<LaserScan, Sensors> + PoseProposal<PoseObservation<Se2>, Sensors>,
+    G: PoseProposal<LaserScan, LaserAndCodes> + PoseProposal<MarkerObservation<Se2>, LaserAndCodes>,
 {
     filter_methods!(amcl);
 
@@ -161,85 +173,6 @@ where
             self.amcl.update(&code)?;
         }
         Ok(applied)
-    }
-}
-
-/// The laser, and codes on the floor.
-#[derive(Clone)]
-pub(crate) struct Sensors {
-    laser: LikelihoodFieldModel,
-}
-
-impl WeighParticles<LaserScan> for Sensors {
-    fn weigh(
-        &mut self,
-        scan: &LaserScan,
-        poses: &[Se2],
-        out: &mut [f64],
-        par: Par,
-    ) -> std::result::Result<(), SkipReason> {
-        self.laser.weigh(scan, poses, out, par)
-    }
-
-    fn explained(&mut self, scan: &LaserScan, pose: &Se2) -> Option<f64> {
-        self.laser.explained(scan, pose)
-    }
-
-    fn independent_readings(&self) -> f64 {
-        WeighParticles::<LaserScan>::independent_readings(&self.laser)
-    }
-}
-
-/// One code in a thousand is misread: so far from it, all poses are alike.
-const MISREAD: f64 = 1e-3;
-
-impl WeighParticles<PoseObservation<Se2>> for Sensors {
-    fn weigh(
-        &mut self,
-        code: &PoseObservation<Se2>,
-        poses: &[Se2],
-        out: &mut [f64],
-        _: Par,
-    ) -> std::result::Result<(), SkipReason> {
-        let seen = code.map_from_base();
-        let information = seen.covariance().try_inverse().ok_or(SkipReason::Unexplained)?;
-        for (value, pose) in out.iter_mut().zip(poses) {
-            let residual: Vector3<f64> = pose.minus(seen.mean());
-            *value = ((-0.5 * residual.dot(&(information * residual))).exp() + MISREAD).ln();
-        }
-        Ok(())
-    }
-}
-
-/// New particles anywhere for scans, around the code for codes.
-#[derive(Clone)]
-pub(crate) struct Anywhere;
-
-impl PoseProposal<LaserScan, Sensors> for Anywhere {
-    fn propose(
-        &mut self,
-        scan: &LaserScan,
-        sensors: &mut Sensors,
-        context: &ProposalContext<'_>,
-        poses: &mut [Se2],
-    ) -> usize {
-        UniformProposal.propose(scan, sensors, context, poses)
-    }
-}
-
-impl PoseProposal<PoseObservation<Se2>, Sensors> for Anywhere {
-    fn propose(
-        &mut self,
-        code: &PoseObservation<Se2>,
-        sensors: &mut Sensors,
-        context: &ProposalContext<'_>,
-        poses: &mut [Se2],
-    ) -> usize {
-        ObservedPose::default().propose(code, sensors, context, poses)
-    }
-
-    fn share(&self, code: &PoseObservation<Se2>, expected: &UncertainPose<Se2>, doubted: f64) -> f64 {
-        PoseProposal::<_, Sensors>::share(&ObservedPose::default(), code, expected, doubted)
     }
 }
 

@@ -1,6 +1,11 @@
 //! Where the vehicle drives: the map, the world that it was made of, and a route with codes on the floor.
 
-use agv_nav::{core::path::shapes, filters::particle::FreeSpace, nalgebra::Vector2, prelude::*};
+use agv_nav::{
+    core::path::shapes,
+    filters::{marker::MarkerMap, particle::FreeSpace},
+    nalgebra::Vector2,
+    prelude::*,
+};
 use agv_sim::{Factory, FactoryParams, FloorCode, GridWorld, PlanarWorld, Shape, World2d};
 use agv_support::map;
 use std::{f64::consts::FRAC_PI_8, path::Path as FilePath};
@@ -15,6 +20,7 @@ pub(crate) struct Site {
     /// A closed route, a pose each 2 cm; empty where the vehicle wanders.
     pub(crate) route: Vec<Se2>,
     pub(crate) codes: Vec<FloorCode>,
+    pub(crate) code_map: MarkerMap,
     pub(crate) free_space: FreeSpace,
 }
 
@@ -87,7 +93,7 @@ impl Site {
         let world = Box::new(GridWorld::with_unknown_solid(&map));
         let free_space = FreeSpace::new(&map, RADIUS)?.largest();
         let name = yaml.file_stem().map(|stem| stem.to_string_lossy().into_owned()).unwrap_or_default();
-        Ok(Self { name, map, world, route: Vec::new(), codes: Vec::new(), free_space })
+        Ok(Self { name, map, world, route: Vec::new(), codes: Vec::new(), code_map: MarkerMap::new(), free_space })
     }
 
     fn with_route(
@@ -100,9 +106,10 @@ impl Site {
         let path = shapes::rounded(&corners, 0.7, 1.0 / PER_METRE as f64)?;
         let route: Vec<Se2> = path.points().iter().map(|point| point.pose).collect();
         let codes = route.iter().step_by(PER_METRE * CODE_PITCH).enumerate();
-        let codes = codes.map(|(id, &map_from_code)| FloorCode { id: id as u32, map_from_code }).collect();
+        let codes: Vec<_> = codes.map(|(id, &map_from_code)| FloorCode { id: id as u32, map_from_code }).collect();
+        let code_map = MarkerMap::from_exact(codes.iter().map(|code| (code.id, code.map_from_code)))?;
         let free_space = FreeSpace::new(&map, RADIUS)?.reached_from(&corners[0])?;
-        Ok(Self { name: name.to_owned(), map, world, route, codes, free_space })
+        Ok(Self { name: name.to_owned(), map, world, route, codes, code_map, free_space })
     }
 }
 

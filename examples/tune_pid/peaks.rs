@@ -72,9 +72,9 @@ fn follow(args: &Args, params: SwarmParams) -> Result<Track> {
         evaluations: 0,
         best: Vec::new(),
     };
-    for seed in args.common.seeds(args.seeds()) {
-        let mut peaks = MovingPeaks::new(MovingPeaksParams::default(), seed.derive(1))?;
-        let mut search = Search::new(MovingPeaks::space()?, Swarm::new(2, params, seed)?)?;
+    for seed in args.common.seed..args.common.seed + args.seeds() {
+        let mut peaks = MovingPeaks::new(MovingPeaksParams::default(), Seed(seed).derive(1))?;
+        let mut search = Search::new(MovingPeaks::space()?, Swarm::new(2, params, Seed(seed))?)?;
         for _ in 0..CHANGES {
             for mean in &mut track.after_change {
                 search.advance(&peaks, usize::MAX)?;

@@ -63,10 +63,10 @@ struct Results {
 impl Results {
     fn of(args: &Args, method: Method, problem: &Problem) -> Result<Self> {
         let mut timings = Timings::default();
-        let one = |timings: &mut Timings, seed: Seed| {
-            method.search(args, (&problem.test, problem.greatest), args.budget(), seed, timings)
+        let one = |timings: &mut Timings, seed: u64| {
+            method.search(args, (&problem.test, problem.greatest), args.budget(), Seed(seed), timings)
         };
-        let seeds = args.common.seeds(args.seeds());
+        let seeds = args.common.seed..args.common.seed + args.seeds();
         let runs = seeds.map(|seed| one(&mut timings, seed)).collect::<Result<_>>()?;
         Ok(Self { runs, timings, target: problem.target })
     }

@@ -42,10 +42,10 @@ impl CommonArgs {
         Seed(self.seed)
     }
 
-    /// The seeds of as many runs, from the given one on.
-    pub fn seeds(&self, runs: u64) -> impl Iterator<Item = Seed> + Clone + use<> {
+    /// So many seeds, from [`seed`](Self::seed) on; after the greatest number come the least ones.
+    pub fn seeds(&self, count: u64) -> impl ExactSizeIterator<Item = Seed> + Clone + use<> {
         let first = self.seed;
-        (0..runs).map(move |run| Seed(first.wrapping_add(run)))
+        (0..usize::try_from(count).unwrap_or(usize::MAX)).map(move |i| Seed(first.wrapping_add(i as u64)))
     }
 
     /// How the parallel loops run.
@@ -236,6 +236,8 @@ mod tests {
         assert_eq!((common.seed, common.json, common.threads), (1, false, 1));
         assert_eq!(common.par(), Par::Seq);
         assert!(parse(&["--json", "--seed", "7", "--threads", "2", "--out", "x"]).is_ok());
+        let last = parse(&["--seed", &u64::MAX.to_string()]).unwrap();
+        assert!(last.seeds(2).eq([Seed(u64::MAX), Seed(0)]));
         for bad in [["--threads", "0"], ["--seed", "-1"], ["--seed", "x"]] {
             assert!(parse(&bad).is_err(), "{bad:?}");
         }

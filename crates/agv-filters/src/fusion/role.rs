@@ -45,7 +45,11 @@ impl FusionFilter {
     }
 
     /// Takes in what has come through a role.
-    fn fuse_input(&mut self, input: RoleInput, measurement: Measurement) -> Result<FusionOutcome, LocalizationError> {
+    fn fuse_input(
+        &mut self,
+        input: RoleInput,
+        measurement: impl Into<Measurement>,
+    ) -> Result<FusionOutcome, LocalizationError> {
         if self.history.is_none() {
             return Err(LocalizationError::NotInitialized);
         }
@@ -55,7 +59,12 @@ impl FusionFilter {
     }
 
     /// What a role says of it.
-    fn outcome_of(&mut self, input: RoleInput, measurement: Measurement) -> Result<UpdateOutcome, LocalizationError> {
+    fn outcome_of(
+        &mut self,
+        input: RoleInput,
+        measurement: impl Into<Measurement>,
+    ) -> Result<UpdateOutcome, LocalizationError> {
+        let measurement = measurement.into();
         let stamp = measurement.stamp();
         Ok(match self.fuse_input(input, measurement)? {
             FusionOutcome::Applied { nis, .. } => {
@@ -88,7 +97,7 @@ impl Localizer for FusionFilter {
 
     /// Takes the motion in at its own time, as [`FusionFilter::fuse`] does: it may be late, it may be gated, and it must last.
     fn predict(&mut self, odometry: &OdometryIncrement) -> Result<(), LocalizationError> {
-        self.fuse_input(RoleInput::Odometry, odometry.into()).map(|_| ())
+        self.fuse_input(RoleInput::Odometry, odometry).map(|_| ())
     }
 
     /// That of the newest measurement.
@@ -107,7 +116,7 @@ macro_rules! corrected_by {
         /// Taken in at its own time, however late, if its sensor is [connected](FusionFilter::connect).
         impl Correct<$observation> for FusionFilter {
             fn update(&mut self, observation: &$observation) -> Result<UpdateOutcome, LocalizationError> {
-                self.outcome_of(RoleInput::$input(observation.sensor()), observation.into())
+                self.outcome_of(RoleInput::$input(observation.sensor()), observation)
             }
         }
     )+};

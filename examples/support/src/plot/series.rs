@@ -69,6 +69,29 @@ impl TimeSeries {
             _ => (0.0, 1.0),
         }
     }
+
+    /// The corner in which the names of the curves hide the fewest points, the upper right one among equals; the box takes
+    /// `size` as parts of the diagram, which spans `x` and `y`.
+    fn legend_corner(&self, size: (f64, f64), (x0, x1): (f64, f64), (y0, y1): (f64, f64)) -> SeriesLabelPosition {
+        let hidden = |is_right: bool, is_upper: bool| {
+            let beyond = |part: f64, size: f64, is_high: bool| if is_high { part > 1.0 - size } else { part < size };
+            let is_hidden = |(x, y): &&(f64, f64)| {
+                beyond((x - x0) / (x1 - x0), size.0, is_right) && beyond((y - y0) / (y1 - y0), size.1, is_upper)
+            };
+            // Curves of many points are no more to be seen than those of few.
+            let share =
+                |points: &[(f64, f64)]| points.iter().filter(is_hidden).count() as f64 / points.len().max(1) as f64;
+            self.curves.iter().map(|(_, _, points)| share(points)).sum::<f64>()
+        };
+        let corners = [
+            (SeriesLabelPosition::UpperRight, hidden(true, true)),
+            (SeriesLabelPosition::UpperLeft, hidden(false, true)),
+            (SeriesLabelPosition::LowerRight, hidden(true, false)),
+            (SeriesLabelPosition::LowerLeft, hidden(false, false)),
+        ];
+        let best = corners.into_iter().min_by(|(_, a), (_, b)| a.total_cmp(b));
+        best.map_or(SeriesLabelPosition::UpperRight, |(corner, _)| corner)
+    }
 }
 
 /// A number at a tick: no digits that say nothing (`1000`, not `1000.0`), no minus before a zero.
@@ -128,10 +151,15 @@ impl Picture for TimeSeries {
                 series.label(label).legend(move |(x, y)| PathElement::new([(x, y), (x + length, y)], style));
             }
         }
-        if self.curves.iter().any(|(label, ..)| !label.is_empty()) {
+        let names: Vec<usize> =
+            self.curves.iter().map(|(label, ..)| label.chars().count()).filter(|&n| n > 0).collect();
+        if let Some(longest) = names.iter().max() {
+            // About: a name of 14 pixels averages 8 a letter, beside its line and within the margins.
+            let (width, height) = (*longest as f64 * 8.0 + 56.0, names.len() as f64 * 20.0 + 24.0);
+            let size = (width / 896.0, height / 330.0);
             chart
                 .configure_series_labels()
-                .position(SeriesLabelPosition::UpperRight)
+                .position(self.legend_corner(size, (x0, x1), (y0 - room, y1 + room)))
                 .legend_area_size(26 * scale)
                 .margin(8 * scale)
                 .label_font(font(14))
@@ -155,6 +183,18 @@ mod tests {
         for (value, label) in ticks {
             assert_eq!(tick_label(value), label);
         }
+    }
+
+    #[test]
+    fn names_stand_where_no_curve_is() {
+        let corner = |points: &[(f64, f64)]| {
+            let series = TimeSeries::new("", "", "").curve("x", Color::Blue, points.iter().copied());
+            format!("{:?}", series.legend_corner((0.3, 0.3), (0.0, 1.0), (0.0, 1.0)))
+        };
+        assert_eq!(corner(&[]), "UpperRight");
+        assert_eq!(corner(&[(0.0, 0.0), (0.5, 0.5), (1.0, 1.0)]), "UpperLeft");
+        assert_eq!(corner(&[(0.1, 0.9), (0.9, 0.9)]), "LowerRight");
+        assert_eq!(corner(&[(0.1, 0.9), (0.9, 0.9), (0.9, 0.1)]), "LowerLeft");
     }
 
     #[test]

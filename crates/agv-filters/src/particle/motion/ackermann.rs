@@ -16,9 +16,9 @@
 //! Without a run there is no error but that of a turn that was measured: unlike [`DifferentialOdometryModel`](super::DifferentialOdometryModel) the
 //! particles of a vehicle that stands, or creeps, do not turn on the spot.
 
-use super::MotionModel;
+use super::{MotionModel, check_factors, stored_as};
 use agv_core::{
-    Error, check,
+    Error,
     compute::Stream,
     geometry::{LieGroup, Se2, propagate_covariance},
     kinematics::SteeringLimits,
@@ -97,19 +97,7 @@ pub struct AckermannOdometryModel {
     params: AckermannOdometryParams,
 }
 
-impl TryFrom<AckermannOdometryParams> for AckermannOdometryModel {
-    type Error = Error;
-
-    fn try_from(params: AckermannOdometryParams) -> Result<Self, Error> {
-        Self::new(params)
-    }
-}
-
-impl From<AckermannOdometryModel> for AckermannOdometryParams {
-    fn from(model: AckermannOdometryModel) -> Self {
-        model.params
-    }
-}
+stored_as!(AckermannOdometryParams => AckermannOdometryModel.params);
 
 impl AckermannOdometryModel {
     /// Checks the parameters.
@@ -118,10 +106,7 @@ impl AckermannOdometryModel {
     /// A wheelbase that is not positive, a steering angle outside (0, π/2), or a noise that is negative or not finite.
     pub fn new(params: AckermannOdometryParams) -> Result<Self, Error> {
         params.limits().validate()?;
-        check::non_negative("steering_sigma", params.steering_sigma)?;
-        check::non_negative("run_per_run", params.run_per_run)?;
-        check::non_negative("slip_per_run", params.slip_per_run)?;
-        check::non_negative("turn_per_turn", params.turn_per_turn)?;
+        check_factors!(params: steering_sigma, run_per_run, slip_per_run, turn_per_turn);
         Ok(Self { params })
     }
 

@@ -27,9 +27,9 @@
 //! Driving backwards is a straight run with a negative sign and no turn by π: of the two ways to take a motion apart,
 //! [`RotTransRot`] takes the one that turns less.
 
-use super::{super::trig::sin_cos, MotionModel, sampler::Sampler};
+use super::{super::trig::sin_cos, MotionModel, check_factors, sampler::Sampler, stored_as};
 use agv_core::{
-    Error, check,
+    Error,
     compute::Stream,
     geometry::{Se2, So2, propagate_covariance},
     odometry::{OdometryIncrement, RotTransRot},
@@ -102,19 +102,7 @@ pub struct DifferentialOdometryModel {
     noise: OdometryNoise,
 }
 
-impl TryFrom<OdometryNoise> for DifferentialOdometryModel {
-    type Error = Error;
-
-    fn try_from(noise: OdometryNoise) -> Result<Self, Error> {
-        Self::new(noise)
-    }
-}
-
-impl From<DifferentialOdometryModel> for OdometryNoise {
-    fn from(model: DifferentialOdometryModel) -> Self {
-        model.noise
-    }
-}
+stored_as!(OdometryNoise => DifferentialOdometryModel.noise);
 
 /// Below this run, in metres, its direction says nothing: a vehicle that turns on the spot drifts by millimetres, and must
 /// not be taken to have turned towards its drift and back. The value is `nav2_amcl`'s.
@@ -136,11 +124,7 @@ impl DifferentialOdometryModel {
     /// # Errors
     /// A factor that is negative or not finite.
     pub fn new(noise: OdometryNoise) -> Result<Self, Error> {
-        check::non_negative("turn_per_turn", noise.turn_per_turn)?;
-        check::non_negative("turn_per_run", noise.turn_per_run)?;
-        check::non_negative("run_per_run", noise.run_per_run)?;
-        check::non_negative("run_per_turn", noise.run_per_turn)?;
-        check::non_negative("drift_per_turn", noise.drift_per_turn)?;
+        check_factors!(noise: turn_per_turn, turn_per_run, run_per_run, run_per_turn, drift_per_turn);
         Ok(Self { noise })
     }
 

@@ -16,6 +16,34 @@ pub use omnidirectional::{OmnidirectionalNoise, OmnidirectionalOdometryModel};
 pub use prior::{PriorMotionModel, PriorNoise};
 pub use velocity::{VelocityModel, VelocityNoise};
 
+/// A model is its parameters, checked: so it is stored, and so it comes back.
+macro_rules! stored_as {
+    ($params:ident => $model:ident.$field:ident) => {
+        impl TryFrom<$params> for $model {
+            type Error = agv_core::Error;
+
+            fn try_from(params: $params) -> Result<Self, agv_core::Error> {
+                Self::new(params)
+            }
+        }
+
+        impl From<$model> for $params {
+            fn from(model: $model) -> Self {
+                model.$field
+            }
+        }
+    };
+}
+use stored_as;
+
+/// Refuses the first of some fields that is negative or not finite, by its name.
+macro_rules! check_factors {
+    ($params:ident: $($field:ident),+) => {
+        $(agv_core::check::non_negative(stringify!($field), $params.$field)?;)+
+    };
+}
+use check_factors;
+
 /// Samples where a vehicle may have gone, given what its odometry says.
 ///
 /// Conditioned once per motion; what it returns is called once per particle and draws from the particle's stream only.

@@ -11,9 +11,9 @@
 //! var turn   = α1 Δθ² + α2 d²
 //! ```
 
-use super::{MotionModel, differential::small_turn};
+use super::{MotionModel, check_factors, differential::small_turn, stored_as};
 use agv_core::{
-    Error, check,
+    Error,
     compute::Stream,
     geometry::{LieGroup, Se2, propagate_covariance},
     odometry::OdometryIncrement,
@@ -85,19 +85,7 @@ pub struct OmnidirectionalOdometryModel {
     noise: OmnidirectionalNoise,
 }
 
-impl TryFrom<OmnidirectionalNoise> for OmnidirectionalOdometryModel {
-    type Error = Error;
-
-    fn try_from(noise: OmnidirectionalNoise) -> Result<Self, Error> {
-        Self::new(noise)
-    }
-}
-
-impl From<OmnidirectionalOdometryModel> for OmnidirectionalNoise {
-    fn from(model: OmnidirectionalOdometryModel) -> Self {
-        model.noise
-    }
-}
+stored_as!(OmnidirectionalNoise => OmnidirectionalOdometryModel.noise);
 
 impl OmnidirectionalOdometryModel {
     /// Checks the noise factors.
@@ -105,11 +93,7 @@ impl OmnidirectionalOdometryModel {
     /// # Errors
     /// A factor that is negative or not finite.
     pub fn new(noise: OmnidirectionalNoise) -> Result<Self, Error> {
-        check::non_negative("turn_per_turn", noise.turn_per_turn)?;
-        check::non_negative("turn_per_run", noise.turn_per_run)?;
-        check::non_negative("run_per_run", noise.run_per_run)?;
-        check::non_negative("run_per_turn", noise.run_per_turn)?;
-        check::non_negative("strafe_per_run", noise.strafe_per_run)?;
+        check_factors!(noise: turn_per_turn, turn_per_run, run_per_run, run_per_turn, strafe_per_run);
         Ok(Self { noise })
     }
 

@@ -9,10 +9,10 @@
 //!
 //! with `Σ` the covariance that the [`OdometryIncrement`] carries, of its right increment.
 
-use super::MotionModel;
+use super::{MotionModel, check_factors, stored_as};
 use crate::particle::gaussian::semidefinite_root;
 use agv_core::{
-    Error, check,
+    Error,
     compute::Stream,
     geometry::{LieGroup, Se2, UncertainPose, propagate_covariance},
     odometry::OdometryIncrement,
@@ -72,19 +72,7 @@ pub struct PriorMotionModel {
     noise: PriorNoise,
 }
 
-impl TryFrom<PriorNoise> for PriorMotionModel {
-    type Error = Error;
-
-    fn try_from(noise: PriorNoise) -> Result<Self, Error> {
-        Self::new(noise)
-    }
-}
-
-impl From<PriorMotionModel> for PriorNoise {
-    fn from(model: PriorMotionModel) -> Self {
-        model.noise
-    }
-}
+stored_as!(PriorNoise => PriorMotionModel.noise);
 
 impl PriorMotionModel {
     /// Checks the noise.
@@ -92,10 +80,7 @@ impl PriorMotionModel {
     /// # Errors
     /// A field that is negative or not finite.
     pub fn new(noise: PriorNoise) -> Result<Self, Error> {
-        check::non_negative("inflation", noise.inflation)?;
-        check::non_negative("position_per_run", noise.position_per_run)?;
-        check::non_negative("turn_per_run", noise.turn_per_run)?;
-        check::non_negative("turn_per_turn", noise.turn_per_turn)?;
+        check_factors!(noise: inflation, position_per_run, turn_per_run, turn_per_turn);
         Ok(Self { noise })
     }
 

@@ -16,9 +16,9 @@
 //! proportion to the velocities, so `Δt` cancels: run `v Δt` and turn `ω Δt` say all. The model therefore takes increments
 //! like the others, of odometry or of commands, by their logarithm.
 
-use super::{MotionModel, differential::small_turn};
+use super::{MotionModel, check_factors, differential::small_turn, stored_as};
 use agv_core::{
-    Error, check,
+    Error,
     compute::Stream,
     geometry::{LieGroup, Se2, propagate_covariance},
     odometry::OdometryIncrement,
@@ -96,19 +96,7 @@ pub struct VelocityModel {
     noise: VelocityNoise,
 }
 
-impl TryFrom<VelocityNoise> for VelocityModel {
-    type Error = Error;
-
-    fn try_from(noise: VelocityNoise) -> Result<Self, Error> {
-        Self::new(noise)
-    }
-}
-
-impl From<VelocityModel> for VelocityNoise {
-    fn from(model: VelocityModel) -> Self {
-        model.noise
-    }
-}
+stored_as!(VelocityNoise => VelocityModel.noise);
 
 impl VelocityModel {
     /// Checks the noise factors.
@@ -116,12 +104,7 @@ impl VelocityModel {
     /// # Errors
     /// A factor that is negative or not finite.
     pub fn new(noise: VelocityNoise) -> Result<Self, Error> {
-        check::non_negative("run_per_run", noise.run_per_run)?;
-        check::non_negative("run_per_turn", noise.run_per_turn)?;
-        check::non_negative("turn_per_run", noise.turn_per_run)?;
-        check::non_negative("turn_per_turn", noise.turn_per_turn)?;
-        check::non_negative("last_turn_per_run", noise.last_turn_per_run)?;
-        check::non_negative("last_turn_per_turn", noise.last_turn_per_turn)?;
+        check_factors!(noise: run_per_run, run_per_turn, turn_per_run, turn_per_turn, last_turn_per_run, last_turn_per_turn);
         Ok(Self { noise })
     }
 

@@ -1,5 +1,6 @@
 //! Where new particles come from, when they do not come from the old ones.
 
+mod markers;
 mod search;
 
 use super::{FreeSpace, gaussian::PoseGaussian};
@@ -9,6 +10,7 @@ use agv_core::{
     sensors::PoseObservation,
 };
 
+pub use markers::MarkerProposal;
 pub use search::{LikelihoodSearch, LikelihoodSearchParams};
 
 /// What a [`PoseProposal`] may use beside the observation and the sensor's model.

@@ -8,7 +8,8 @@ use agv_core::{
     sensors::{LandmarkObservation, LaserScan, MarkerObservation},
 };
 
-/// A model for every kind of observation that a vehicle makes: scans, codes, landmarks. `()` where it makes none.
+/// A model for every kind of observation that a vehicle makes: scans, codes, landmarks. `()` where it makes none, `None` where
+/// that turns out as it runs.
 ///
 /// A [`Mcl`](crate::particle::Mcl) with it takes each of them; any number of sensors of a kind, each with its own mount. For
 /// other kinds of observations write a struct like it.
@@ -91,5 +92,33 @@ weigh_by_field!(
 impl<Z: ?Sized> WeighParticles<Z> for () {
     fn weigh(&mut self, _: &Z, _: &[Se2], _: &mut [f64], _: Par) -> Result<(), SkipReason> {
         Err(SkipReason::TooFewReadings { usable: 0, needed: 1 })
+    }
+}
+
+/// A model that is there, or not: whatever is observed is skipped then.
+impl<Z: ?Sized, W: WeighParticles<Z>> WeighParticles<Z> for Option<W> {
+    fn weigh(
+        &mut self,
+        observation: &Z,
+        poses: &[Se2],
+        log_likelihoods: &mut [f64],
+        par: Par,
+    ) -> Result<(), SkipReason> {
+        match self {
+            Some(model) => model.weigh(observation, poses, log_likelihoods, par),
+            None => WeighParticles::weigh(&mut (), observation, poses, log_likelihoods, par),
+        }
+    }
+
+    fn explained(&mut self, observation: &Z, map_from_base: &Se2) -> Option<f64> {
+        self.as_mut()?.explained(observation, map_from_base)
+    }
+
+    fn independent_readings(&self) -> f64 {
+        self.as_ref().map_or(1.0, WeighParticles::independent_readings)
+    }
+
+    fn refine(&mut self, observation: &Z, guess: &UncertainPose<Se2>) -> Option<Se2> {
+        self.as_mut()?.refine(observation, guess)
     }
 }
