@@ -8,7 +8,7 @@ use agv_core::path::Path;
 use agv_core::roles::{GlobalPlanner, NoPathReason, PlanOutcome};
 use agv_plan::grid::{
     AStar, AStarParams, Bidirectional, Connectivity, CornerRule, Dijkstra, GridHeuristic, GridParams,
-    GridPlannerParams, GridSpace, Jps, UnknownCells,
+    GridPlannerParams, GridSpace, Jps, JpsPlus, UnknownCells,
 };
 use proptest::prelude::*;
 
@@ -145,6 +145,7 @@ proptest! {
         }
         if grid.cost_weight == 0.0 {
             planners.push(Box::new(Jps::new(GridPlannerParams { grid, ..Default::default() }).unwrap()));
+            planners.push(Box::new(JpsPlus::new(GridPlannerParams { grid, ..Default::default() }).unwrap()));
         }
         for (first, s, g) in picks {
             let costmap = if first { &one } else { &other };

@@ -7,7 +7,7 @@ use agv_core::nalgebra::Vector2;
 use agv_core::roles::{GlobalPlanner, laws};
 use agv_plan::grid::{
     AStar, AStarParams, Bidirectional, Connectivity, Dijkstra, GridHeuristic, GridParams, GridPlannerParams, Jps,
-    LazyThetaStar, ThetaStar,
+    JpsPlus, LazyThetaStar, ThetaStar,
 };
 use rand_distr::{Bernoulli, Distribution, Uniform};
 
@@ -64,6 +64,7 @@ fn planners_keep_the_laws() {
                 if cost_weight == 0.0 {
                     let params = GridPlannerParams { grid, ..Default::default() };
                     planners.push(Box::new(Jps::new(params).unwrap()));
+                    planners.push(Box::new(JpsPlus::new(params).unwrap()));
                     planners.push(Box::new(ThetaStar::new(params).unwrap()));
                     planners.push(Box::new(LazyThetaStar::new(params).unwrap()));
                 }
