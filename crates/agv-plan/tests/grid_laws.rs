@@ -7,7 +7,7 @@ use agv_core::nalgebra::Vector2;
 use agv_core::path::Path;
 use agv_core::roles::{GlobalPlanner, NoPathReason, PlanOutcome};
 use agv_plan::grid::{
-    AStar, AStarParams, Bidirectional, Connectivity, CornerRule, Dijkstra, GridHeuristic, GridParams,
+    AStar, AStarParams, Bidirectional, Connectivity, CornerRule, DStarLite, Dijkstra, GridHeuristic, GridParams,
     GridPlannerParams, GridSpace, Jps, JpsPlus, UnknownCells,
 };
 use proptest::prelude::*;
@@ -139,6 +139,7 @@ proptest! {
         let mut planners: Vec<Box<dyn GlobalPlanner>> =
             heuristics.into_iter().map(|h| Box::new(planner(h)) as Box<dyn GlobalPlanner>).collect();
         planners.push(Box::new(Dijkstra::new(GridPlannerParams { grid, ..Default::default() }).unwrap()));
+        planners.push(Box::new(DStarLite::new(GridPlannerParams { grid, ..Default::default() }).unwrap()));
         for heuristic in [GridHeuristic::Exact, GridHeuristic::Zero] {
             let params = AStarParams { grid, heuristic, ..Default::default() };
             planners.push(Box::new(Bidirectional::new(params).unwrap()));

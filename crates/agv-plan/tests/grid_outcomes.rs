@@ -6,8 +6,8 @@ use agv_core::path::Path;
 use agv_core::roles::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome};
 use agv_plan::Error;
 use agv_plan::grid::{
-    AStar, AStarParams, Bidirectional, Connectivity, Dijkstra, GridHeuristic, GridParams, GridPlannerParams, GridSpace,
-    Jps, JpsPlus, LazyThetaStar, Limits, Octile, Offset, SearchEnd, ThetaStar, UnknownCells, Workspace,
+    AStar, AStarParams, Bidirectional, Connectivity, DStarLite, Dijkstra, GridHeuristic, GridParams, GridPlannerParams,
+    GridSpace, Jps, JpsPlus, LazyThetaStar, Limits, Octile, Offset, SearchEnd, ThetaStar, UnknownCells, Workspace,
 };
 
 /// A room of 40 x 30 cells of 0.1 m, parted by a wall of column 20.
@@ -80,6 +80,7 @@ fn all_planners(params: GridPlannerParams) -> Vec<(&'static str, Box<dyn GlobalP
         ("bidirectional Dijkstra", Box::new(both_ends(GridHeuristic::Zero))),
         ("JPS", Box::new(Jps::new(params).unwrap())),
         ("JPS+", Box::new(JpsPlus::new(params).unwrap())),
+        ("D* Lite", Box::new(DStarLite::new(params).unwrap())),
         ("Theta*", Box::new(ThetaStar::new(params).unwrap())),
         ("Lazy Theta*", Box::new(LazyThetaStar::new(params).unwrap())),
     ]

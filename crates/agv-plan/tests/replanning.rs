@@ -4,7 +4,7 @@ use agv_core::geometry::Se2;
 use agv_core::grid::{Cell, Connectivity, CornerRule, Costmap, Grid, GridLayout, cost};
 use agv_core::path::Path;
 use agv_core::roles::{GlobalPlanner, PlanOutcome};
-use agv_plan::grid::{AStar, AStarParams, GridParams, GridPlannerParams, Jps, JpsPlus};
+use agv_plan::grid::{AStar, AStarParams, DStarLite, GridParams, GridPlannerParams, Jps, JpsPlus};
 use proptest::prelude::*;
 
 fn pose(costmap: &Costmap, index: u32) -> Se2 {
@@ -84,6 +84,10 @@ proptest! {
         let params = GridPlannerParams { grid, ..Default::default() };
         let mut planners: Vec<Box<dyn GlobalPlanner>> =
             vec![Box::new(AStar::new(AStarParams { grid, ..Default::default() }).unwrap())];
+        planners.push(Box::new(DStarLite::new(params).unwrap()));
+        // One that seldom ends what it begins, and goes on with the next query.
+        let hasty = GridPlannerParams { max_expansions: 12, ..params };
+        let mut hasty = DStarLite::new(hasty).unwrap();
         if cost_weight == 0.0 {
             planners.push(Box::new(Jps::new(params).unwrap()));
             planners.push(Box::new(JpsPlus::new(params).unwrap()));
@@ -101,6 +105,11 @@ proptest! {
                     _ => prop_assert_eq!(&got, &want, "{}", number),
                 }
             }
+            match (solve(&mut hasty, &costmap, ends), &want) {
+                (Ok(a), Ok(b)) => prop_assert!((a - b).abs() <= 1e-3 * b + 1e-9, "hasty: {a} for {b}"),
+                (Err(got), _) if got == "Budget" => {}
+                (got, want) => prop_assert_eq!(&got, want),
+            }
         }
     }
 }
@@ -113,6 +122,7 @@ fn a_large_map_is_followed_in_parts() {
     let params = GridPlannerParams::default();
     let mut planners: Vec<Box<dyn GlobalPlanner>> =
         vec![Box::new(Jps::new(params).unwrap()), Box::new(JpsPlus::new(params).unwrap())];
+    planners.push(Box::new(DStarLite::new(params).unwrap()));
     for x in (20..180).step_by(20) {
         for y in 0..149 {
             costmap.set(Cell::new(x, if x % 40 == 0 { y } else { 149 - y }), cost::LETHAL);

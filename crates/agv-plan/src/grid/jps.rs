@@ -4,13 +4,13 @@
 //! (block-based scanning and intermediate pruning, B and P of Harabor and Grastien, *Improving jump point search*, 2014).
 
 use super::{
-    heuristic::{Manhattan, Octile, Offset, Zero},
+    flood::Flood,
+    heuristic::{Manhattan, Octile, Offset},
     jumps::{Jump, JumpPoints, Runs, turning_node},
     limits::{Limits, SearchResult},
     planner::{GridPlanner, GridPlannerParams, GridSolver},
     search::Workspace,
     space::GridSpace,
-    step::Step,
     straight_runs::StraightRuns,
 };
 use crate::Error;
@@ -78,9 +78,7 @@ impl GridSolver for JpsSolver {
 pub(super) struct JumpSearch {
     workspace: Workspace<Jump>,
     start: u32,
-    /// All that can be reached, cell by cell, where the last search found nothing and was asked for the rest.
-    flood: Option<Box<Workspace<Step>>>,
-    is_flooded: bool,
+    flood: Flood,
 }
 
 impl JumpSearch {
@@ -91,7 +89,8 @@ impl JumpSearch {
         (start, goal): (u32, u32),
         limits: &mut Limits<'_>,
     ) -> SearchResult {
-        (self.start, self.is_flooded) = (start, false);
+        self.start = start;
+        self.flood.forget();
         let (jumps, is_goal, offset) = (JumpPoints::new(space, runs, goal), |n| n == goal, Offset::to(space, goal));
         match space.params().connectivity {
             Connectivity::Eight => self.workspace.search(&jumps, &Octile(offset), start, is_goal, limits),
@@ -101,20 +100,15 @@ impl JumpSearch {
 
     /// The cells between jump points are reached too, but nothing is known of them: they are searched one by one.
     pub(super) fn exhaust(&mut self, space: &GridSpace, limits: &mut Limits<'_>) -> u64 {
-        self.is_flooded = true;
-        let flood = self.flood.get_or_insert_default();
-        flood.search(&space.uniform(), &Zero, self.start, |_| false, limits).expansions
+        self.flood.fill(space, self.start, limits)
     }
 
     pub(super) fn cost(&self, node: u32) -> Option<u32> {
-        match &self.flood {
-            Some(flood) if self.is_flooded => flood.cost(node),
-            _ => self.workspace.cost(node),
-        }
+        self.flood.current().map_or_else(|| self.workspace.cost(node), |flood| flood.cost(node))
     }
 
     pub(super) fn way_into(&self, space: &GridSpace, node: u32, way: &mut Vec<u32>) {
-        if let Some(flood) = self.flood.as_ref().filter(|_| self.is_flooded) {
+        if let Some(flood) = self.flood.current() {
             return flood.trace_into(&space.uniform(), node, way);
         }
         way.clear();

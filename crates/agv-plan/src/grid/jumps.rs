@@ -16,7 +16,7 @@ use super::{
     space::GridSpace,
     step::{DIAGONAL, STRAIGHT, Step},
 };
-use agv_core::grid::Cell;
+use agv_core::grid::{Cell, CornerRule};
 
 /// How a jump point was reached: from where, and by which last step. The way there runs along a diagonal first.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -68,6 +68,8 @@ pub(super) struct JumpPoints<'a, R> {
     runs: &'a R,
     goal: u32,
     goal_cell: Cell,
+    /// Whether a diagonal run may come to successors that are not ahead: never, where no corner may be cut.
+    may_force: bool,
     offset: Offset,
 }
 
@@ -77,8 +79,16 @@ impl<'a, R: Runs> JumpPoints<'a, R> {
 
     /// The jump points of a space, for ways to `goal`.
     pub(super) fn new(space: &'a GridSpace, runs: &'a R, goal: u32) -> Self {
-        let (masks, strides, pruning) = (space.masks(), space.strides(), space.canonical());
-        Self { masks, strides, pruning, runs, goal, goal_cell: space.cell(goal), offset: Offset::to(space, goal) }
+        Self {
+            masks: space.masks(),
+            strides: space.strides(),
+            pruning: space.canonical(),
+            runs,
+            goal,
+            goal_cell: space.cell(goal),
+            may_force: space.params().corner_rule != CornerRule::Never,
+            offset: Offset::to(space, goal),
+        }
     }
 
     /// The node `steps` further.
@@ -135,18 +145,17 @@ impl<'a, R: Runs> JumpPoints<'a, R> {
             node = self.further(node, step, run.steps);
             cell = Cell::new(at.x + dx * done as i32, at.y + dy * done as i32);
             cost = cost.saturating_add(run.steps.saturating_mul(DIAGONAL));
-            let successors = self.pruning.successors(step, self.masks.get(node as usize).copied().unwrap_or(0));
-            if successors & !natural != 0 {
-                return frontier.reach(node, cost, Jump { from: from.node, step });
+            if self.may_force {
+                let mask = self.masks.get(node as usize).copied().unwrap_or(0);
+                if self.pruning.successors(step, mask) & !natural != 0 {
+                    return frontier.reach(node, cost, Jump { from: from.node, step });
+                }
             }
             for (side, run) in sides.into_iter().zip(side_runs) {
                 if run.is_jump {
                     let cost = cost.saturating_add(run.steps.saturating_mul(STRAIGHT));
                     frontier.reach(self.further(node, side, run.steps), cost, Jump { from: from.node, step: side });
                 }
-            }
-            if successors & step.bit() == 0 {
-                return;
             }
         }
     }
