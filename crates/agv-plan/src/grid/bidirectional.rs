@@ -8,7 +8,12 @@
 //! ```
 //!
 //! each of which falls by no more than a step costs, if `h` and `h'` do. A node that both have reached closes a way; the
-//! best one is optimal as soon as the least keys of the two open lists together are no less than its cost plus `c`.
+//! best one, of cost `m`, is optimal as soon as the least keys of the two open lists together are no less than `m + c`.
+//!
+//! Each half looks at one of several equally short ways only, as [`Uniform`](super::Uniform) does, and the halves may prefer
+//! different ones. They still agree on the cost of each cell, so they meet in a cell of a shortest way, if each has settled
+//! it. Along such a way the keys of the two halves of a cell add up to its cost plus `c`, and rise by at most two steps from
+//! cell to cell. If the least keys together exceed the best cost by those two steps as well, some cell of it lies below both.
 
 use super::{
     astar::{AStarParams, GridHeuristic},
@@ -87,7 +92,7 @@ impl BidirectionalSolver {
         if space.is_weighted() {
             self.search_between(&space.weighted(), &balanced, (start, goal), limits)
         } else {
-            self.search_between(&space.uniform_unpruned(), &balanced, (start, goal), limits)
+            self.search_between(&space.uniform(), &balanced, (start, goal), limits)
         }
     }
 
@@ -107,9 +112,10 @@ impl BidirectionalSolver {
         let mut result = SearchResult { end: SearchEnd::Exhausted, expansions: 0, nearest: start };
         let mut nearest_estimate = u32::MAX;
         let mut pause = limits.next_pause(0);
+        let margin = 2 * space.max_step();
         while let (Some(ahead), Some(behind)) = (self.forward.least_key(), self.backward.least_key()) {
             let still_possible = ahead.saturating_add(behind).saturating_sub(balanced.constant);
-            if best.get().is_some_and(|meeting| meeting.cost <= still_possible) {
+            if best.get().is_some_and(|meeting| meeting.cost.saturating_add(margin) <= still_possible) {
                 break;
             }
             if result.expansions >= pause {
@@ -124,9 +130,11 @@ impl BidirectionalSolver {
             let is_forward = result.expansions.is_multiple_of(2);
             let (one, other) =
                 if is_forward { (&mut self.forward, &self.backward) } else { (&mut self.backward, &self.forward) };
-            let watched = Watched { space, other, best: &best };
-            let expanded =
-                if is_forward { one.expand_next(&watched, balanced) } else { one.expand_next(&watched, &mirrored) };
+            let expanded = if is_forward {
+                one.expand_next(&Watched { space, other, best: &best, rest: &balanced.to_goal }, balanced)
+            } else {
+                one.expand_next(&Watched { space, other, best: &best, rest: &balanced.to_start }, &mirrored)
+            };
             result.expansions += u64::from(expanded.is_some());
             if let Some(at) = expanded.filter(|_| is_forward) {
                 let estimate = balanced.to_goal.estimate(at.node);
@@ -159,7 +167,7 @@ impl GridSolver for BidirectionalSolver {
         if space.is_weighted() {
             self.forward.run(&space.weighted(), &Zero, |_| false, limits).expansions
         } else {
-            self.forward.run(&space.uniform_unpruned(), &Zero, |_| false, limits).expansions
+            self.forward.run(&space.uniform(), &Zero, |_| false, limits).expansions
         }
     }
 
@@ -171,7 +179,7 @@ impl GridSolver for BidirectionalSolver {
     }
 
     fn way_into(&self, space: &GridSpace, node: u32, way: &mut Vec<u32>) {
-        let view = space.uniform_unpruned();
+        let view = space.uniform();
         let Some((_, meeting)) = self.met.filter(|(goal, _)| *goal == node) else {
             return self.forward.trace_into(&view, node, way);
         };
@@ -211,13 +219,15 @@ impl<H: Heuristic> Heuristic for Mirrored<'_, H> {
 }
 
 /// A space that notes which of the nodes that are reached the other half has reached too.
-struct Watched<'a, S> {
+struct Watched<'a, S, H> {
     space: &'a S,
     other: &'a Workspace<Step>,
     best: &'a Cell<Option<Meeting>>,
+    /// A bound on the rest of the way.
+    rest: &'a H,
 }
 
-impl<S: SearchSpace<Link = Step>> SearchSpace for Watched<'_, S> {
+impl<S: SearchSpace<Link = Step>, H: Heuristic> SearchSpace for Watched<'_, S, H> {
     type Link = Step;
 
     fn node_count(&self) -> usize {
@@ -238,12 +248,12 @@ impl<S: SearchSpace<Link = Step>> SearchSpace for Watched<'_, S> {
     }
 }
 
-struct Watching<'a, 'b, F, S> {
+struct Watching<'a, 'b, F, S, H> {
     frontier: &'a mut F,
-    watched: &'a Watched<'b, S>,
+    watched: &'a Watched<'b, S, H>,
 }
 
-impl<F: Frontier<Step>, S> Frontier<Step> for Watching<'_, '_, F, S> {
+impl<F: Frontier<Step>, S, H: Heuristic> Frontier<Step> for Watching<'_, '_, F, S, H> {
     #[inline]
     fn known(&self, node: u32) -> Option<Known<Step>> {
         self.frontier.known(node)
@@ -251,9 +261,13 @@ impl<F: Frontier<Step>, S> Frontier<Step> for Watching<'_, '_, F, S> {
 
     #[inline]
     fn reach(&mut self, node: u32, cost: u32, link: Step) {
+        let Watched { other, best, rest, .. } = self.watched;
+        // No way through the node is better than the one that is known.
+        if best.get().is_some_and(|meeting| cost.saturating_add(rest.estimate(node)) >= meeting.cost) {
+            return;
+        }
         self.frontier.reach(node, cost, link);
-        let best = self.watched.best;
-        if let Some(rest) = self.watched.other.cost(node) {
+        if let Some(rest) = other.cost(node) {
             let cost = cost.saturating_add(rest);
             if best.get().is_none_or(|meeting| cost < meeting.cost) {
                 best.set(Some(Meeting { cost, node }));

@@ -99,12 +99,6 @@ impl GridSpace {
         GridView { space: self, strides: self.strides(), pruning: self.canonical(), prices: Lengths }
     }
 
-    /// As [`uniform`](Self::uniform), but all equally short ways are looked at: what a search from both ends needs, whose
-    /// halves could otherwise prefer different ones and never meet.
-    pub fn uniform_unpruned(&self) -> Uniform<'_> {
-        GridView { pruning: self.reverse_only(), ..self.uniform() }
-    }
-
     /// The graph with steps that cost more near obstacles, as [`GridParams::cost_weight`] says.
     pub fn weighted(&self) -> Weighted<'_> {
         let prices = CostWeighted::of(self);
