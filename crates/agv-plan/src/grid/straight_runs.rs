@@ -130,7 +130,7 @@ impl StraightRuns {
         while let Some(word) = words.get(index) {
             let stops = word.stops & mask;
             if stops != 0 {
-                let bit = 63 - stops.leading_zeros();
+                let bit = stops.ilog2();
                 return Run { steps: at - (index as u32 * 64 + bit), is_jump: word.jumps >> bit & 1 != 0 };
             }
             mask = u64::MAX;
@@ -252,9 +252,9 @@ mod tests {
         }
         let mut turned = words;
         transpose(&mut turned);
-        for y in 0..BLOCK {
-            for x in 0..BLOCK {
-                assert_eq!(words[y] >> x & 1, turned[x] >> y & 1, "({x}, {y})");
+        for (y, word) in words.iter().enumerate() {
+            for (x, column) in turned.iter().enumerate() {
+                assert_eq!(word >> x & 1, column >> y & 1, "({x}, {y})");
             }
         }
         let bytes = [0x12, 0xFF, 0x00, 0x81, 0x7E, 0x3C, 0xA5, 0x5A];
