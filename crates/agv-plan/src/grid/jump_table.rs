@@ -51,53 +51,60 @@ impl JumpTable {
             self.records.resize(layout.len(), Record::default());
         }
         let (rows, columns) = (min.y as usize..max.y as usize + 1, min.x as usize..max.x as usize + 1);
-        for step in [Step::EAST, Step::WEST] {
-            let ends = straight_ends(space.canonical(), step);
-            self.sweep(space.masks(), step, (0..width, rows.clone()), |_, mask| ends[mask as usize]);
+        let (masks, ends) = (space.masks(), Step::ALL.map(|step| ends(space.canonical(), step)));
+        // Towards the rows that are done, so that all runs of a row are made while it is at hand.
+        for y in (0..height).rev() {
+            if rows.contains(&y) {
+                self.sweep_straight(masks, (Step::EAST, &ends[0]), (0..width, y));
+                self.sweep_straight(masks, (Step::WEST, &ends[2]), (0..width, y));
+            }
+            self.sweep_straight(masks, (Step::NORTH, &ends[1]), (columns.clone(), y));
+            self.sweep_diagonal(masks, (Step::NORTH_EAST, &ends[4]), y);
+            self.sweep_diagonal(masks, (Step::NORTH_WEST, &ends[5]), y);
         }
-        for step in [Step::NORTH, Step::SOUTH] {
-            let ends = straight_ends(space.canonical(), step);
-            self.sweep(space.masks(), step, (columns.clone(), 0..height), |_, mask| ends[mask as usize]);
-        }
-        for step in &Step::ALL[4..] {
-            let sides = [Step::towards(step.dx(), 0), Step::towards(0, step.dy())];
-            let ends = diagonal_ends(space.canonical(), *step, sides);
-            self.sweep(space.masks(), *step, (0..width, 0..height), |record, mask| {
-                // A closed side's run has no steps, and no jump.
-                if sides.iter().any(|side| record[side.index() & 7] & 1 != 0) { Some(1) } else { ends[mask as usize] }
-            });
+        for y in 0..height {
+            self.sweep_straight(masks, (Step::SOUTH, &ends[3]), (columns.clone(), y));
+            self.sweep_diagonal(masks, (Step::SOUTH_WEST, &ends[6]), y);
+            self.sweep_diagonal(masks, (Step::SOUTH_EAST, &ends[7]), y);
         }
     }
 
-    /// One direction of the cells in `columns` and `rows`; `end` says of a cell that is arrived at what stops the run there:
-    /// something to do (1), a dead end (0) or nothing.
+    fn sweep_straight(&mut self, masks: &[u8], (step, ends): (Step, &Ends), (columns, y): (Range<usize>, usize)) {
+        self.sweep(masks, step, (columns, y), |_, mask| ends[mask as usize]);
+    }
+
+    fn sweep_diagonal(&mut self, masks: &[u8], (step, ends): (Step, &Ends), y: usize) {
+        let sides = [Step::towards(step.dx(), 0), Step::towards(0, step.dy())].map(|side| side.index() & 7);
+        // A closed side's run has no steps, and no jump.
+        let turns = |record: &Record| (record[sides[0]] | record[sides[1]]) & 1 != 0;
+        self.sweep(masks, step, (0..self.width, y), |record, mask| if turns(record) { 1 } else { ends[mask as usize] });
+    }
+
+    /// One direction of the cells of a row; `end` says of a cell that is arrived at what stops the run there.
     #[inline]
     fn sweep(
         &mut self,
         masks: &[u8],
         step: Step,
-        (columns, rows): (Range<usize>, Range<usize>),
-        end: impl Fn(&Record, u8) -> Option<u16>,
+        (columns, y): (Range<usize>, usize),
+        end: impl Fn(&Record, u8) -> u16,
     ) {
         let (slot, bit, stride) = (step.index() & 7, step.bit(), self.strides[step.index() & 7]);
-        for i in 0..rows.len() {
-            let y = if step.dy() > 0 { rows.end - 1 - i } else { rows.start + i };
-            for k in 0..columns.len() {
-                let x = if step.dx() > 0 { columns.end - 1 - k } else { columns.start + k };
-                let node = y * self.width + x;
-                let run = if masks[node] & bit == 0 {
-                    0
-                } else {
-                    let next = (node as u32).wrapping_add(stride) as usize;
-                    let record = &self.records[next];
-                    match end(record, masks[next]) {
-                        Some(jump) => 2 | jump,
-                        None if record[slot] < LONGEST => record[slot] + 2,
-                        None => 2 | 1,
-                    }
-                };
-                self.records[node][slot] = run;
-            }
+        for k in 0..columns.len() {
+            let x = if step.dx() > 0 { columns.end - 1 - k } else { columns.start + k };
+            let node = y * self.width + x;
+            let run = if masks[node] & bit == 0 {
+                0
+            } else {
+                let next = (node as u32).wrapping_add(stride) as usize;
+                let record = &self.records[next];
+                match end(record, masks[next]) {
+                    GOES_ON if record[slot] < LONGEST => record[slot] + 2,
+                    GOES_ON => 2 | 1,
+                    jump => 2 | jump,
+                }
+            };
+            self.records[node][slot] = run;
         }
     }
 
@@ -131,33 +138,23 @@ impl Runs for JumpTable {
     }
 }
 
-/// By mask of the cell that is arrived at, what stops a straight run there.
-fn straight_ends(pruning: &Pruning, step: Step) -> [Option<u16>; 256] {
-    tabulate(|mask| {
-        let successors = pruning.successors(step, mask);
-        (successors != step.bit()).then_some(u16::from(successors != 0))
-    })
-}
+/// By mask of the cell that is arrived at, what stops a run there: something to do (1), a dead end (0), or nothing.
+type Ends = [u16; 256];
 
-/// By mask of the cell that is arrived at, what stops a diagonal run there, if no straight run to the sides does.
-fn diagonal_ends(pruning: &Pruning, step: Step, sides: [Step; 2]) -> [Option<u16>; 256] {
-    let natural = step.bit() | sides[0].bit() | sides[1].bit();
-    tabulate(|mask| {
+const GOES_ON: u16 = 2;
+
+/// What stops runs of a step; diagonal ones, if no straight run to their sides does.
+fn ends(pruning: &Pruning, step: Step) -> Ends {
+    let sides = Step::towards(step.dx(), 0).bit() | Step::towards(0, step.dy()).bit();
+    let natural = if step.is_diagonal() { step.bit() | sides } else { step.bit() };
+    let mut ends = [GOES_ON; 256];
+    for (mask, end) in (0..=u8::MAX).zip(ends.iter_mut()) {
         let successors = pruning.successors(step, mask);
         if successors & !natural != 0 {
-            Some(1)
+            *end = 1;
         } else if successors & step.bit() == 0 {
-            Some(0)
-        } else {
-            None
+            *end = 0;
         }
-    })
-}
-
-fn tabulate(end: impl Fn(u8) -> Option<u16>) -> [Option<u16>; 256] {
-    let mut ends = [None; 256];
-    for (mask, slot) in (0..=u8::MAX).zip(ends.iter_mut()) {
-        *slot = end(mask);
     }
     ends
 }
