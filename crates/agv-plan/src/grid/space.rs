@@ -285,8 +285,10 @@ impl GridSpace {
         let (mut straight, mut diagonal) = (0_u64, 0_u64);
         let mut extra = 0.0;
         let weight = self.params.cost_weight / f64::from(cost::MAX_NON_OBSTACLE);
+        let mut ahead = nodes.first().map_or_else(Cell::default, |&node| self.cell(node));
         for pair in nodes.windows(2) {
-            let (a, b) = (self.cell(pair[0]), self.cell(pair[1]));
+            let (a, b) = (ahead, self.cell(pair[1]));
+            ahead = b;
             let (dx, dy) = (a.x.abs_diff(b.x), a.y.abs_diff(b.y));
             if dx == dy {
                 diagonal += u64::from(dx);
