@@ -129,6 +129,24 @@ fn every_planner_leaves_the_best_path_so_far() {
 }
 
 #[test]
+fn what_nothing_joins_is_known_without_a_search() {
+    let (start, beyond) = (Se2::new(0.55, 1.05, 0.5), Se2::new(3.05, 1.05, 0.0));
+    for (name, mut planner) in all_planners(GridPlannerParams::default()) {
+        let (mut map, mut path) = (parted(), Path::new());
+        let mut ask = |map: &Costmap| planner.plan_into(map, &start, &beyond, &mut path).unwrap();
+        let apart = |outcome| matches!(outcome, PlanOutcome::NoPath { reason: NoPathReason::Disconnected, .. });
+        let first = ask(&map);
+        assert!(apart(first) && !matches!(first, PlanOutcome::NoPath { expansions: 0, .. }), "{name}: {first:?}");
+        assert_eq!(ask(&map), PlanOutcome::NoPath { reason: NoPathReason::Disconnected, expansions: 0 }, "{name}");
+        // A door opens and closes.
+        map.set(Cell::new(20, 7), cost::FREE);
+        assert!(matches!(ask(&map), PlanOutcome::Found { .. }), "{name}");
+        map.set(Cell::new(20, 7), cost::LETHAL);
+        assert!(apart(ask(&map)), "{name}");
+    }
+}
+
+#[test]
 fn planners_of_lengths_take_no_cost_weight() {
     let params =
         GridPlannerParams { grid: GridParams { cost_weight: 1.0, ..Default::default() }, ..Default::default() };

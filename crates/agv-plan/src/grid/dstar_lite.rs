@@ -29,7 +29,7 @@ use agv_core::grid::{Cell, CellRect, Connectivity, Revision};
 ///
 /// As long as the goal stays the same, a query costs what the changes of the costmap and the way of the vehicle cause. What
 /// has changed it asks the costmap for (`Costmap::changed_since`), so that it pays to write to one costmap, not to build
-/// another in every cycle. Another goal or a map of another size begins anew, at some 10 times the cost of
+/// another in every cycle. Another goal or a map of another size begins anew, at several times the cost of
 /// [`AStar`](super::AStar) per expansion. A budget that ran out is gone on with by the next query; since the search comes
 /// from the goal, there is no path so far then but the start.
 ///
