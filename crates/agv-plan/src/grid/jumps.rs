@@ -7,7 +7,7 @@
 //! - a diagonal run passes cells from whose sides straight runs lead to jump points. Those are queued, not the cell where the
 //!   way turns (*intermediate pruning*: Harabor and Grastien 2014, section 5); it follows from where the jump began and ended.
 //!
-//! Whoever knows where runs end makes a planner: by scanning ([`Scan`](super::straight_runs)), or by looking it up.
+//! Whoever knows where runs end makes a planner: by scanning (`straight_runs`), or by looking it up (`jump_table`).
 
 use super::{
     heuristic::Offset,

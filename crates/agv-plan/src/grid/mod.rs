@@ -8,8 +8,19 @@
 //!            OpenList (buckets) /
 //! ```
 //!
-//! [`AStar`] and [`Dijkstra`] put the parts together behind [`GlobalPlanner`](agv_core::roles::GlobalPlanner). Who asks many
-//! questions of one map, wants several goals, or brings another graph, holds the parts:
+//! Planners put the parts together behind [`GlobalPlanner`](agv_core::roles::GlobalPlanner):
+//!
+//! | planner | for |
+//! |---|---|
+//! | [`AStar`] | costs that differ from cell to cell; the plain choice |
+//! | [`Dijkstra`] | what the others are held to; [`Potential`] is its full field, for many starts or local planners |
+//! | [`Bidirectional`] | start or goal in a dead end |
+//! | [`Jps`] | shortest paths, on maps that change |
+//! | [`JpsPlus`] | shortest paths, on maps that seldom change |
+//! | [`DStarLite`] | one goal, while the vehicle moves and the map changes |
+//! | [`ThetaStar`], [`LazyThetaStar`] | paths that are not bound to the grid's eight directions |
+//!
+//! Who asks many questions of one map, wants several goals, or brings another graph, holds the parts:
 //!
 //! ```
 //! use agv_core::geometry::Se2;

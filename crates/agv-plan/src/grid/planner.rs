@@ -62,7 +62,7 @@ pub trait GridSolver {
 }
 
 /// A planner on grids: [`AStar`](super::AStar), [`Dijkstra`](super::Dijkstra), [`Bidirectional`](super::Bidirectional),
-/// [`Jps`](super::Jps), [`ThetaStar`](super::ThetaStar) and [`LazyThetaStar`](super::LazyThetaStar) are this type with their
+/// [`Jps`](super::Jps), [`JpsPlus`](super::JpsPlus), [`DStarLite`](super::DStarLite), [`ThetaStar`](super::ThetaStar) and [`LazyThetaStar`](super::LazyThetaStar) are this type with their
 /// solvers, and a solver of one's own makes another.
 ///
 /// The path begins with the start pose, runs through the centres of cells (each heading looks at the next) and ends with
