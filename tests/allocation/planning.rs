@@ -9,8 +9,8 @@ use agv_nav::core::{
 };
 use agv_nav::plan::{
     grid::{
-        AStar, AStarParams, Bidirectional, Components, Connectivity, Dijkstra, GridParams, GridPlannerParams,
-        GridSpace, Jps, LazyThetaStar, Potential, ThetaStar,
+        AStar, AStarParams, Bidirectional, Components, Connectivity, DStarLite, Dijkstra, GridParams,
+        GridPlannerParams, GridSpace, Jps, JpsPlus, LazyThetaStar, Potential, ThetaStar,
     },
     smooth::{KeyNodes, KeyNodesParams},
 };
@@ -42,9 +42,11 @@ fn grid_planners() {
             Box::new(AStar::new(guided).unwrap()),
             Box::new(Dijkstra::new(params).unwrap()),
             Box::new(Bidirectional::new(guided).unwrap()),
+            Box::new(DStarLite::new(params).unwrap()),
         ];
         if grid.cost_weight == 0.0 {
             planners.push(Box::new(Jps::new(params).unwrap()));
+            planners.push(Box::new(JpsPlus::new(params).unwrap()));
             planners.push(Box::new(ThetaStar::new(params).unwrap()));
             planners.push(Box::new(LazyThetaStar::new(params).unwrap()));
         }
@@ -66,6 +68,27 @@ fn grid_planners() {
             assert_eq!(counter::count(round), 0, "{grid:?}");
         }
     }
+}
+
+/// A wall that comes and goes before a vehicle that drives to and fro.
+#[test]
+fn replanning() {
+    let [mut costmap, _] = costmaps();
+    let mut planner = DStarLite::new(GridPlannerParams::default()).unwrap();
+    let ([start, goal], mut path) = (corners(), Path::new());
+    let mut round = || {
+        for (value, x) in [(254, 0.6), (0, 1.2), (254, 1.8), (0, 1.2)] {
+            costmap.settle();
+            for y in 10..70 {
+                costmap.set(Cell::new(60, y), value);
+            }
+            planner.plan_into(&costmap, &Se2::new(x, start.y(), 0.0), &goal, &mut path).unwrap();
+        }
+    };
+    for _ in 0..3 {
+        round();
+    }
+    assert_eq!(counter::count(round), 0);
 }
 
 #[test]

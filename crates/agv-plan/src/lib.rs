@@ -1,6 +1,6 @@
 //! Where do I go: planners on grids and in the neighbourhood of the vehicle.
 //!
-//! - [`grid`]: best-first search on costmaps. [`AStar`](grid::AStar) and [`Dijkstra`](grid::Dijkstra) play
+//! - [`grid`]: best-first search on costmaps. [`AStar`](grid::AStar), [`Jps`](grid::Jps), [`DStarLite`](grid::DStarLite) and others play
 //!   [`GlobalPlanner`](agv_core::roles::GlobalPlanner); the parts they are made of (space, queue, heuristic, search) are
 //!   open for use on their own.
 //! - [`smooth`]: what turns a path of cells into one that a vehicle likes to follow.

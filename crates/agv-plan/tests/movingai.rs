@@ -1,10 +1,13 @@
 //! The stated optima of public `MovingAI` scenarios (Sturtevant 2012; Stern et al. 2019), where the data lies beside the
 //! repository.
 
+use agv_core::geometry::Se2;
 use agv_core::grid::{Cell, Costmap};
+use agv_core::path::Path;
+use agv_core::roles::{GlobalPlanner, PlanOutcome};
 use agv_plan::grid::{
-    BucketQueue, GridParams, GridSpace, HeapQueue, Heuristic, Limits, Octile, Offset, OpenList, SearchEnd, Step,
-    Workspace, Zero,
+    AStarParams, Bidirectional, BucketQueue, DStarLite, Dijkstra, GridParams, GridPlannerParams, GridSpace, HeapQueue,
+    Heuristic, Jps, JpsPlus, Limits, Octile, Offset, OpenList, SearchEnd, Step, Workspace, Zero,
 };
 use agv_support::movingai::{Query, read_map, read_scenario};
 use std::path::PathBuf;
@@ -86,4 +89,42 @@ fn all_queries_reach_their_stated_optimum() {
         }
     }
     eprintln!("{asked} queries");
+}
+
+/// The others that promise the shortest way, through their role, on fewer queries.
+#[test]
+fn every_planner_reaches_the_stated_optima() {
+    let params = GridPlannerParams::default();
+    // Some search the map from end to end.
+    let mut planners: Vec<(&str, usize, Box<dyn GlobalPlanner>)> = vec![
+        ("JPS", 1, Box::new(Jps::new(params).unwrap())),
+        ("JPS+", 1, Box::new(JpsPlus::new(params).unwrap())),
+        ("Dijkstra", 10, Box::new(Dijkstra::new(params).unwrap())),
+        ("bidirectional", 10, Box::new(Bidirectional::new(AStarParams::default()).unwrap())),
+        ("D* Lite", 40, Box::new(DStarLite::new(params).unwrap())),
+    ];
+    for (map, scenario, every) in SETS {
+        if !data(map).exists() {
+            eprintln!("{map}: not there, skipped");
+            continue;
+        }
+        let costmap = Costmap::from_map(&read_map(data(map)).unwrap());
+        let queries = read_scenario(data(scenario)).unwrap();
+        let pose = |cell| {
+            let centre = costmap.layout().center(cell);
+            Se2::new(centre.x, centre.y, 0.0)
+        };
+        let mut path = Path::new();
+        for (name, share, planner) in &mut planners {
+            for (number, query) in queries.iter().enumerate().step_by(every * *share) {
+                let outcome = planner.plan_into(&costmap, &pose(query.start), &pose(query.goal), &mut path).unwrap();
+                let PlanOutcome::Found { cost, .. } = outcome else {
+                    panic!("{name}, {scenario} {number}: {outcome:?}")
+                };
+                let want = query.optimal_length * costmap.layout().resolution();
+                assert!((cost - want).abs() < 1e-2, "{name}, {scenario} {number}: {cost} for {want}");
+                assert!((path.length() - cost).abs() < 1e-6, "{name}, {scenario} {number}");
+            }
+        }
+    }
 }

@@ -1,14 +1,20 @@
-//! Search from both ends until the two halves meet (Pohl 1971; consistent halves: Ikeda et al. 1994).
+//! Search from both ends until the two halves meet (Pohl 1971), each guided by its own bound and kept out of what the other
+//! has closed (BS*, Kwa 1989; the bound on the rest: Pijls and Post, NBA*, 2009).
 //!
-//! The two searches must agree on how much a step is worth. With lower bounds `h` to the goal and `h'` to the start they are
-//! guided by
+//! Let `h` and `h'` be bounds on the cost to the goal and to the start, `F'` the least key of the backward half, and `m` the
+//! cost of the best way that was closed by a cell which both halves have reached. A cell `v` with cost `g` that comes up in
+//! the forward half is not expanded, if
 //!
 //! ```text
-//! p(n) = (h(n) - h'(n) + c) / 2        p'(n) = c - p(n)
+//! the backward half has closed it              the best way through it is known
+//! g + h(v) >= m   or   g + F' - h'(v) >= m     no way through it is better
 //! ```
 //!
-//! each of which falls by no more than a step costs, if `h` and `h'` do. A node that both have reached closes a way; the
-//! best one is optimal as soon as the least keys of the two open lists together are no less than its cost plus `c`.
+//! and likewise backward. The search ends when a half has nothing left below `m`: as long as a better way is to be found, none
+//! of its cells is left out by either half, so that each half would have come to the other's end.
+//!
+//! Each half looks at one of several equally short ways only, as [`Uniform`](super::Uniform) does. Both still agree on the cost
+//! of each cell, which is all that the argument needs.
 
 use super::{
     astar::{AStarParams, GridHeuristic},
@@ -18,7 +24,7 @@ use super::{
     planner::{GridPlanner, GridSolver},
     search::{Frontier, Reached, SearchSpace, Workspace},
     space::GridSpace,
-    step::{DIAGONAL, Step},
+    step::Step,
 };
 use crate::Error;
 use std::cell::Cell;
@@ -26,7 +32,7 @@ use std::cell::Cell;
 /// Bidirectional A*, and with [`GridHeuristic::Zero`] bidirectional Dijkstra: costs as those of [`AStar`](super::AStar).
 ///
 /// Without a heuristic two circles are searched, each with half the radius of the one. With a heuristic the gain is small
-/// in the open (both bounds pull to the straight line) and large where start or goal lie in a dead end.
+/// in the open and large where start or goal lie in a dead end.
 ///
 /// ```
 /// use agv_core::geometry::Se2;
@@ -80,60 +86,65 @@ impl BidirectionalSolver {
         (start, goal): (u32, u32),
         limits: &mut Limits<'_>,
     ) -> SearchResult {
-        let (to_goal, to_start) = (bound(Offset::to(space, goal)), bound(Offset::to(space, start)));
-        // No less than any difference of the bounds, so that keys are not negative.
-        let (width, height) = space.layout().map_or((0, 0), |l| (l.width() as u32, l.height() as u32));
-        let balanced = Balanced { to_goal, to_start, constant: 2 * DIAGONAL * (width + height) };
+        let bounds = (bound(Offset::to(space, goal)), bound(Offset::to(space, start)));
         if space.is_weighted() {
-            self.search_between(&space.weighted(), &balanced, (start, goal), limits)
+            self.search_between(&space.weighted(), (&bounds.0, &bounds.1), (start, goal), limits)
         } else {
-            self.search_between(&space.uniform_unpruned(), &balanced, (start, goal), limits)
+            self.search_between(&space.uniform(), (&bounds.0, &bounds.1), (start, goal), limits)
         }
     }
 
     fn search_between<H: Heuristic>(
         &mut self,
         space: &impl SearchSpace<Link = Step>,
-        balanced: &Balanced<H>,
+        (to_goal, to_start): (&H, &H),
         (start, goal): (u32, u32),
         limits: &mut Limits<'_>,
     ) -> SearchResult {
-        let mirrored = Mirrored(balanced);
         self.forward.begin(space);
         self.backward.begin(space);
-        self.forward.add_start(balanced, start, 0);
-        self.backward.add_start(&mirrored, goal, 0);
+        self.forward.add_start(to_goal, start, 0);
+        self.backward.add_start(to_start, goal, 0);
+        self.met = None;
         let best = Cell::new((start == goal).then_some(Meeting { cost: 0, node: start }));
         let mut result = SearchResult { end: SearchEnd::Exhausted, expansions: 0, nearest: start };
         let mut nearest_estimate = u32::MAX;
         let mut pause = limits.next_pause(0);
+        let mut is_forward = false;
         while let (Some(ahead), Some(behind)) = (self.forward.least_key(), self.backward.least_key()) {
-            let still_possible = ahead.saturating_add(behind).saturating_sub(balanced.constant);
-            if best.get().is_some_and(|meeting| meeting.cost <= still_possible) {
+            if best.get().is_some_and(|meeting| meeting.cost <= ahead.max(behind)) {
                 break;
             }
             if result.expansions >= pause {
                 if let Some(end) = limits.stopped(result.expansions) {
                     result.end = end;
-                    self.met = None;
                     return result;
                 }
                 pause = limits.next_pause(result.expansions);
             }
             // In turn: neither half waits for a wide room around the other's end.
-            let is_forward = result.expansions.is_multiple_of(2);
-            let (one, other) =
-                if is_forward { (&mut self.forward, &self.backward) } else { (&mut self.backward, &self.forward) };
-            let watched = Watched { space, other, best: &best };
-            let expanded =
-                if is_forward { one.expand_next(&watched, balanced) } else { one.expand_next(&watched, &mirrored) };
-            result.expansions += u64::from(expanded.is_some());
-            if let Some(at) = expanded.filter(|_| is_forward) {
-                let estimate = balanced.to_goal.estimate(at.node);
+            is_forward = !is_forward;
+            let (one, other, least_of_other, rest, back) = if is_forward {
+                (&mut self.forward, &self.backward, behind, to_goal, to_start)
+            } else {
+                (&mut self.backward, &self.forward, ahead, to_start, to_goal)
+            };
+            let Some((_, at)) = one.pop(space) else { continue };
+            // What the other half has not closed costs it no less than this.
+            let least_rest = least_of_other.saturating_sub(back.estimate(at.node));
+            let is_closed = other.cost(at.node).is_some_and(|cost| cost < least_rest);
+            let is_worse = |meeting: Meeting| at.cost.saturating_add(least_rest) >= meeting.cost;
+            if is_closed || best.get().is_some_and(is_worse) {
+                continue;
+            }
+            result.expansions += 1;
+            if is_forward {
+                let estimate = rest.estimate(at.node);
                 if estimate < nearest_estimate {
                     (nearest_estimate, result.nearest) = (estimate, at.node);
                 }
             }
+            one.expand(&Watched { space, other, best: &best, rest }, rest, at);
         }
         self.met = best.get().map(|meeting| (goal, meeting));
         if let Some(Meeting { cost, .. }) = best.get() {
@@ -159,7 +170,7 @@ impl GridSolver for BidirectionalSolver {
         if space.is_weighted() {
             self.forward.run(&space.weighted(), &Zero, |_| false, limits).expansions
         } else {
-            self.forward.run(&space.uniform_unpruned(), &Zero, |_| false, limits).expansions
+            self.forward.run(&space.uniform(), &Zero, |_| false, limits).expansions
         }
     }
 
@@ -171,7 +182,7 @@ impl GridSolver for BidirectionalSolver {
     }
 
     fn way_into(&self, space: &GridSpace, node: u32, way: &mut Vec<u32>) {
-        let view = space.uniform_unpruned();
+        let view = space.uniform();
         let Some((_, meeting)) = self.met.filter(|(goal, _)| *goal == node) else {
             return self.forward.trace_into(&view, node, way);
         };
@@ -186,38 +197,16 @@ impl GridSolver for BidirectionalSolver {
     }
 }
 
-/// The guide of the forward half.
-struct Balanced<H> {
-    to_goal: H,
-    to_start: H,
-    constant: u32,
-}
-
-impl<H: Heuristic> Heuristic for Balanced<H> {
-    #[inline]
-    fn estimate(&self, node: u32) -> u32 {
-        (self.to_goal.estimate(node) + self.constant).saturating_sub(self.to_start.estimate(node)) / 2
-    }
-}
-
-/// The guide of the backward half.
-struct Mirrored<'a, H>(&'a Balanced<H>);
-
-impl<H: Heuristic> Heuristic for Mirrored<'_, H> {
-    #[inline]
-    fn estimate(&self, node: u32) -> u32 {
-        self.0.constant - self.0.estimate(node)
-    }
-}
-
 /// A space that notes which of the nodes that are reached the other half has reached too.
-struct Watched<'a, S> {
+struct Watched<'a, S, H> {
     space: &'a S,
     other: &'a Workspace<Step>,
     best: &'a Cell<Option<Meeting>>,
+    /// A bound on the rest of the way.
+    rest: &'a H,
 }
 
-impl<S: SearchSpace<Link = Step>> SearchSpace for Watched<'_, S> {
+impl<S: SearchSpace<Link = Step>, H: Heuristic> SearchSpace for Watched<'_, S, H> {
     type Link = Step;
 
     fn node_count(&self) -> usize {
@@ -238,12 +227,12 @@ impl<S: SearchSpace<Link = Step>> SearchSpace for Watched<'_, S> {
     }
 }
 
-struct Watching<'a, 'b, F, S> {
+struct Watching<'a, 'b, F, S, H> {
     frontier: &'a mut F,
-    watched: &'a Watched<'b, S>,
+    watched: &'a Watched<'b, S, H>,
 }
 
-impl<F: Frontier<Step>, S> Frontier<Step> for Watching<'_, '_, F, S> {
+impl<F: Frontier<Step>, S, H: Heuristic> Frontier<Step> for Watching<'_, '_, F, S, H> {
     #[inline]
     fn known(&self, node: u32) -> Option<Known<Step>> {
         self.frontier.known(node)
@@ -251,9 +240,13 @@ impl<F: Frontier<Step>, S> Frontier<Step> for Watching<'_, '_, F, S> {
 
     #[inline]
     fn reach(&mut self, node: u32, cost: u32, link: Step) {
+        let Watched { other, best, rest, .. } = self.watched;
+        // No way through the node is better than the one that is known.
+        if best.get().is_some_and(|meeting| cost.saturating_add(rest.estimate(node)) >= meeting.cost) {
+            return;
+        }
         self.frontier.reach(node, cost, link);
-        let best = self.watched.best;
-        if let Some(rest) = self.watched.other.cost(node) {
+        if let Some(rest) = other.cost(node) {
             let cost = cost.saturating_add(rest);
             if best.get().is_none_or(|meeting| cost < meeting.cost) {
                 best.set(Some(Meeting { cost, node }));

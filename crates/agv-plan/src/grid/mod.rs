@@ -8,8 +8,19 @@
 //!            OpenList (buckets) /
 //! ```
 //!
-//! [`AStar`] and [`Dijkstra`] put the parts together behind [`GlobalPlanner`](agv_core::roles::GlobalPlanner). Who asks many
-//! questions of one map, wants several goals, or brings another graph, holds the parts:
+//! Planners put the parts together behind [`GlobalPlanner`](agv_core::roles::GlobalPlanner):
+//!
+//! | planner | for |
+//! |---|---|
+//! | [`AStar`] | costs that differ from cell to cell; the plain choice |
+//! | [`Dijkstra`] | what the others are held to; [`Potential`] is its full field, for many starts or local planners |
+//! | [`Bidirectional`] | start or goal in a dead end |
+//! | [`Jps`] | shortest paths, on maps that change |
+//! | [`JpsPlus`] | shortest paths, on maps that seldom change |
+//! | [`DStarLite`] | one goal, while the vehicle moves and the map changes |
+//! | [`ThetaStar`], [`LazyThetaStar`] | paths that are not bound to the grid's eight directions |
+//!
+//! Who asks many questions of one map, wants several goals, or brings another graph, holds the parts:
 //!
 //! ```
 //! use agv_core::geometry::Se2;
@@ -38,8 +49,14 @@ mod astar;
 mod bidirectional;
 mod components;
 mod dijkstra;
+mod dstar_lite;
+mod flood;
 mod heuristic;
+mod indexed_heap;
 mod jps;
+mod jps_plus;
+mod jump_table;
+mod jumps;
 mod lazy_theta;
 mod limits;
 mod masks;
@@ -51,6 +68,7 @@ mod queue;
 mod search;
 mod space;
 mod step;
+mod straight_runs;
 mod theta;
 mod view;
 
@@ -59,8 +77,10 @@ pub use any_angle::Parent;
 pub use astar::{AStar, AStarParams, AStarSolver, GridHeuristic};
 pub use bidirectional::{Bidirectional, BidirectionalSolver};
 pub use dijkstra::{Dijkstra, DijkstraSolver};
+pub use dstar_lite::{DStarLite, DStarLiteSolver};
 pub use heuristic::{Euclidean, Heuristic, Manhattan, Nearest, Octile, Offset, Zero};
-pub use jps::{Jps, JpsSolver, Jump, JumpPoints};
+pub use jps::{Jps, JpsSolver};
+pub use jps_plus::{JpsPlus, JpsPlusSolver};
 pub use lazy_theta::{LazyTheta, LazyThetaSolver, LazyThetaStar, Promise};
 pub use limits::{Limits, SearchEnd, SearchResult};
 pub use nodes::{DenseNodes, Known, NodeStore, SparseNodes};

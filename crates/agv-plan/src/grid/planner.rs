@@ -10,7 +10,7 @@ use crate::Error;
 use agv_core::{
     check,
     geometry::Se2,
-    grid::Costmap,
+    grid::{Components, Costmap, Revision},
     path::Path,
     roles::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome},
 };
@@ -62,13 +62,14 @@ pub trait GridSolver {
 }
 
 /// A planner on grids: [`AStar`](super::AStar), [`Dijkstra`](super::Dijkstra), [`Bidirectional`](super::Bidirectional),
-/// [`Jps`](super::Jps), [`ThetaStar`](super::ThetaStar) and [`LazyThetaStar`](super::LazyThetaStar) are this type with their
+/// [`Jps`](super::Jps), [`JpsPlus`](super::JpsPlus), [`DStarLite`](super::DStarLite), [`ThetaStar`](super::ThetaStar) and [`LazyThetaStar`](super::LazyThetaStar) are this type with their
 /// solvers, and a solver of one's own makes another.
 ///
 /// The path begins with the start pose, runs through the centres of cells (each heading looks at the next) and ends with
 /// the goal pose. Its cost is that from the start's to the goal's cell, in metres: lengths are exact (see
 /// [`STRAIGHT`](super::STRAIGHT)). The costmap may be another one in every call; what it has in common with the last one is
-/// not computed again. Queries on maps no larger than an earlier one allocate nothing beyond the growth of `path` and,
+/// not computed again. Where a query found start and goal in parts of the map that nothing joins, those parts are labelled:
+/// until the map changes, such queries are answered without a search. Queries on maps no larger than an earlier one allocate nothing beyond the growth of `path` and,
 /// rarely, of the open list.
 ///
 /// With [`NoPathReason::Budget`] and [`NoPathReason::Cancelled`] the path leads to the reached cell that is nearest to the
@@ -79,6 +80,9 @@ pub struct GridPlanner<S> {
     space: GridSpace,
     solver: S,
     way: Vec<u32>,
+    /// Parts of the map that nothing joins, and the state of the space that they are of.
+    components: Components,
+    labelled: Option<Revision>,
 }
 
 impl<S: GridSolver> GridPlanner<S> {
@@ -89,7 +93,8 @@ impl<S: GridSolver> GridPlanner<S> {
     pub fn with_solver(params: GridPlannerParams, solver: S) -> Result<Self, Error> {
         check::non_negative("start_tolerance", params.start_tolerance)?;
         check::non_negative("goal_tolerance", params.goal_tolerance)?;
-        Ok(Self { params, space: GridSpace::new(params.grid)?, solver, way: Vec::new() })
+        let (space, components) = (GridSpace::new(params.grid)?, Components::default());
+        Ok(Self { params, space, solver, way: Vec::new(), components, labelled: None })
     }
 
     /// As [`with_solver`](Self::with_solver), for solvers that know lengths only.
@@ -149,12 +154,16 @@ impl<S: GridSolver> GridPlanner<S> {
             Ok(ends) => ends,
             Err(reason) => return Ok(PlanOutcome::NoPath { reason, expansions: 0 }),
         };
+        if self.is_known_apart(ends.start, ends.goal) && tolerances.goal == 0.0 {
+            return Ok(PlanOutcome::NoPath { reason: NoPathReason::Disconnected, expansions: 0 });
+        }
         let mut limits = Limits { budget: self.params.max_expansions, cancel };
         let result = self.solver.search(&self.space, ends.start, ends.goal, &mut limits);
         let mut expansions = result.expansions;
         let (last, reason) = match result.end {
             SearchEnd::Goal { node, .. } => (node, None),
             SearchEnd::Exhausted => {
+                self.label();
                 if tolerances.goal > 0.0 {
                     limits.budget = limits.budget.saturating_sub(expansions);
                     expansions += self.solver.exhaust(&self.space, &mut limits);
@@ -174,6 +183,20 @@ impl<S: GridSolver> GridPlanner<S> {
             None => PlanOutcome::Found { cost: self.space.path_cost(&self.way) * layout.resolution(), expansions },
             Some(reason) => PlanOutcome::NoPath { reason, expansions },
         })
+    }
+
+    /// Labels the parts of the map that nothing joins, unless they are known.
+    fn label(&mut self) {
+        if self.labelled.as_ref() != Some(self.space.revision()) {
+            self.space.components_into(&mut self.components);
+            self.labelled = Some(self.space.revision().clone());
+        }
+    }
+
+    /// Whether it is known without a search that nothing joins two nodes.
+    fn is_known_apart(&self, a: u32, b: u32) -> bool {
+        self.labelled.as_ref() == Some(self.space.revision())
+            && self.components.label_at(a as usize) != self.components.label_at(b as usize)
     }
 
     /// Where an unfinished search came nearest to the goal. Without a guide all reached cells are looked through.

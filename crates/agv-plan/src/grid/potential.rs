@@ -1,9 +1,13 @@
 //! The distance to the goal from everywhere: Dijkstra's algorithm run until nothing is left.
+//!
+//! No step costs less than [`STRAIGHT`]. So the open list need not be sorted within that width: from a cell whose cost lies
+//! in `[k, k + 985)` no cell of the same range is reached more cheaply, and all of them may be expanded in any order (Denardo
+//! and Fox 1979). They are expanded in the order in which they were reached, that is along the front and through memory.
 
 use super::{
-    heuristic::{Heuristic, Zero},
-    limits::Limits,
-    search::{SearchSpace, Workspace},
+    heuristic::Heuristic,
+    nodes::Known,
+    search::{Frontier, Reached, SearchSpace},
     space::GridSpace,
     step::{STRAIGHT, Step},
 };
@@ -29,8 +33,22 @@ use crate::Error;
 /// ```
 #[derive(Debug, Clone, Default)]
 pub struct Potential {
-    workspace: Workspace<Step>,
+    /// Cost to the goal by node.
+    costs: Vec<u32>,
+    /// The step that led to a node, of those that were reached.
+    steps: Vec<Step>,
+    /// Open nodes by the multiple of the least step in their cost, going round.
+    open: Vec<Vec<Open>>,
 }
+
+/// A node that waits with the cost that it had when it was reached.
+#[derive(Debug, Clone, Copy)]
+struct Open {
+    node: u32,
+    cost: u32,
+}
+
+const UNREACHED: u32 = u32::MAX;
 
 impl Potential {
     /// Computes the costs to `goal`, reusing the memory; time is linear in the cells that can be reached. A goal that is
@@ -61,24 +79,54 @@ impl Potential {
 
     /// Steps cost the same in both directions, so the search may begin at the goals.
     fn flood(&mut self, space: &impl SearchSpace<Link = Step>, goals: &[u32]) {
-        self.workspace.begin(space);
+        self.costs.clear();
+        self.costs.resize(space.node_count(), UNREACHED);
+        self.steps.resize(space.node_count(), Step::NONE);
+        // As many ranges as lie between the current one and what one step reaches.
+        let ranges = (space.max_step() / STRAIGHT) as usize + 2;
+        self.open.resize_with(ranges, Vec::new);
         for &goal in goals {
-            self.workspace.add_start(&Zero, goal, 0);
+            self.costs[goal as usize] = 0;
+            self.steps[goal as usize] = Step::NONE;
+            self.open[0].push(Open { node: goal, cost: 0 });
         }
-        self.workspace.run(space, &Zero, |_| false, &mut Limits::none());
+        let (mut range, mut slot, mut empty) = (0, 0, 0);
+        while empty < ranges {
+            let mut current = std::mem::take(&mut self.open[slot]);
+            empty = if current.is_empty() { empty + 1 } else { 0 };
+            let mut flood = Flood { costs: &mut self.costs, steps: &mut self.steps, open: &mut self.open, range, slot };
+            for &Open { node, cost } in &current {
+                // Otherwise it was reached more cheaply since.
+                if flood.costs[node as usize] == cost {
+                    let link = flood.steps[node as usize];
+                    space.expand(Reached { node, cost, link }, &mut flood);
+                }
+            }
+            current.clear();
+            self.open[slot] = current;
+            range += 1;
+            slot = if slot + 1 == ranges { 0 } else { slot + 1 };
+        }
+    }
+
+    /// Cost from a node to the goal in the integers of the search, if the goal can be reached.
+    #[inline]
+    fn cost(&self, node: u32) -> Option<u32> {
+        self.costs.get(node as usize).copied().filter(|&cost| cost != UNREACHED)
     }
 
     /// Cost from a node to the goal in cells, if the goal can be reached: within 1/985 of a cell per step where cells are
     /// weighted, within 3 parts in ten million where they are not.
     #[inline]
     pub fn distance(&self, node: u32) -> Option<f64> {
-        self.workspace.cost(node).map(|cost| f64::from(cost) / f64::from(STRAIGHT))
+        self.cost(node).map(|cost| f64::from(cost) / f64::from(STRAIGHT))
     }
 
     /// The first step of a least-cost way from a node to the goal; none at the goal and where it cannot be reached.
     #[inline]
     pub fn step_to_goal(&self, node: u32) -> Option<Step> {
-        self.workspace.link(node).filter(|&step| step != Step::NONE).map(Step::reversed)
+        let step = *self.steps.get(node as usize).filter(|_| self.cost(node).is_some())?;
+        (step != Step::NONE).then(|| step.reversed())
     }
 }
 
@@ -86,14 +134,45 @@ impl Heuristic for Potential {
     /// As far as can be told apart from "not at all" where the goal cannot be reached.
     #[inline]
     fn estimate(&self, node: u32) -> u32 {
-        self.workspace.cost(node).unwrap_or(u32::MAX)
+        self.cost(node).unwrap_or(u32::MAX)
+    }
+}
+
+/// The frontier of a [`Potential`].
+struct Flood<'a> {
+    costs: &'a mut [u32],
+    steps: &'a mut [Step],
+    open: &'a mut [Vec<Open>],
+    /// The range of costs that is expanded, and its place among the open ones.
+    range: u32,
+    slot: usize,
+}
+
+impl Frontier<Step> for Flood<'_> {
+    #[inline]
+    fn known(&self, node: u32) -> Option<Known<Step>> {
+        let (&cost, &link) = (self.costs.get(node as usize)?, self.steps.get(node as usize)?);
+        (cost != UNREACHED).then_some(Known { cost, link })
+    }
+
+    #[inline]
+    fn reach(&mut self, node: u32, cost: u32, link: Step) {
+        if let Some(known) = self.costs.get_mut(node as usize)
+            && cost < *known
+        {
+            *known = cost;
+            self.steps[node as usize] = link;
+            let ahead = self.slot + (cost / STRAIGHT - self.range) as usize;
+            let place = if ahead < self.open.len() { ahead } else { ahead - self.open.len() };
+            self.open[place].push(Open { node, cost });
+        }
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::grid::{CornerRule, GridParams, SearchEnd};
+    use crate::grid::{CornerRule, GridParams, Limits, SearchEnd, Workspace, Zero};
     use agv_core::{
         geometry::Se2,
         grid::{Cell, Costmap, Grid, GridLayout},
@@ -128,7 +207,7 @@ mod tests {
                     SearchEnd::Goal { cost, .. } => Some(cost),
                     _ => None,
                 };
-                prop_assert_eq!(potential.workspace.cost(start), single);
+                prop_assert_eq!(potential.cost(start), single);
                 let mut cell = space.cell(start);
                 for _ in 0..80 {
                     let Some(step) = space.node(cell).and_then(|node| potential.step_to_goal(node)) else { break };

@@ -90,13 +90,16 @@ pub(super) fn write_path(
     path.push(point(*start))?;
     let from = usize::from(skip_first).min(way.len());
     let to = (way.len() - usize::from(skip_last)).max(from);
-    for (i, &node) in way.iter().enumerate().take(to).skip(from) {
-        let center = layout.center(space.cell(node));
-        let pose = match way.get(i + 1) {
+    let mut ahead = way.get(from).map(|&node| space.cell(node));
+    for i in from..to {
+        let Some(cell) = ahead else { break };
+        ahead = way.get(i + 1).map(|&node| space.cell(node));
+        let center = layout.center(cell);
+        let pose = match ahead {
             // The last centre before the goal pose looks at the pose itself.
             Some(_) if i + 2 == way.len() && skip_last => looking_at(center, &goal.translation(), goal),
-            Some(&next) => {
-                let (dx, dy) = offset_between(space, node, next);
+            Some(next) => {
+                let (dx, dy) = (next.x - cell.x, next.y - cell.y);
                 let known = headings.get(Step::towards(dx, dy).index());
                 let heading = match known.filter(|_| dx == 0 || dy == 0 || dx.abs() == dy.abs()) {
                     Some(&along_step) => along_step,
