@@ -185,6 +185,10 @@ impl WeighParticles<LaserScan> for Sensors {
         self.laser.explained(scan, pose)
     }
 
+    fn refine(&mut self, scan: &LaserScan, guess: &UncertainPose<Se2>) -> Option<Se2> {
+        WeighParticles::<LaserScan>::refine(&mut self.laser, scan, guess)
+    }
+
     fn independent_readings(&self) -> f64 {
         WeighParticles::<LaserScan>::independent_readings(&self.laser)
     }
