@@ -46,7 +46,8 @@ pub struct LikelihoodFieldParams {
     /// What a beam that ends in unobserved space says.
     pub unknown: UnknownSpace,
     /// Whether occupied cells count as obstacles only where a beam can end on them: where one of their four neighbours is free,
-    /// or is unobserved and the cell is not the back of a wall (no such surface lies straight through it within half a metre).
+    /// or is unobserved and the cell is not the back of a wall (no surface lies straight through it within half a metre, nor
+    /// close by).
     ///
     /// No beam ends inside a wall. If its inside counts all the same, a pose that puts the end points there is as likely
     /// as one that puts them on the face: walls of several cells spread the belief (Beluga, issue 265) and pull a
@@ -106,16 +107,22 @@ impl LikelihoodFieldParams {
 /// Thickest wall whose back is known for one, in metres.
 const WALL: f64 = 0.5;
 
+/// Occupied cells this near to a surface, in metres along either axis, belong to it: a wall that runs askew to the grid has its
+/// back beside its front, not straight behind it.
+const NEAR: f64 = 0.15;
+
 const SIDES: [(i32, i32); 4] = [(-1, 0), (1, 0), (0, -1), (0, 1)];
 
 /// The map without occupied cells that no beam ends on; none if no occupied cell has a free neighbour.
 ///
 /// A cell with a free neighbour is a surface, and one whose neighbours are all occupied is not. Between the two are those that
 /// border on unobserved space: what was seen through a gap too narrow to free the cells before it is a surface too, the back of a
-/// wall is not, which is told by a surface straight through it.
+/// wall is not, which is told by a surface straight through it or close by.
 fn surfaces(map: &Grid<CellState>) -> Option<Grid<CellState>> {
     let layout = map.layout();
-    let steps = (WALL / layout.resolution()).min(f64::from(i32::MAX)) as i32;
+    let cells = |metres: f64| (metres / layout.resolution()).round().min(f64::from(i32::MAX)) as i32;
+    // Of a map as fine as that, the sums must not overflow.
+    let (steps, near) = (cells(WALL), cells(NEAR).min(32));
     let mut surfaces = map.clone();
     let (mut some_left, mut bordering) = (false, Vec::new());
     for (index, state) in surfaces.values_mut().iter_mut().enumerate() {
@@ -142,7 +149,9 @@ fn surfaces(map: &Grid<CellState>) -> Option<Grid<CellState>> {
                     .take_while(|&k| map.get(inwards(k)) == Some(&CellState::Occupied))
                     .any(|k| surfaces.get(inwards(k)) == Some(&CellState::Occupied))
         };
-        !SIDES.iter().any(is_back)
+        let is_surface = |x: i32, y: i32| surfaces.get(Cell::new(x, y)) == Some(&CellState::Occupied);
+        let is_near = || (x - near..=x + near).any(|x| (y - near..=y + near).any(|y| is_surface(x, y)));
+        !(SIDES.iter().any(is_back) || is_near())
     });
     for &cell in &bordering {
         surfaces.set(cell, CellState::Occupied);
