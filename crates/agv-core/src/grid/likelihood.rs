@@ -357,7 +357,7 @@ mod tests {
         let map = map(40, 20, |c| match (c.x, c.y) {
             (0..10, _) => CellState::Free,
             (10..12, y) if y != 7 => CellState::Occupied,
-            (20, _) | (30..34, _) => CellState::Occupied,
+            (20 | 30..34, _) => CellState::Occupied,
             _ => CellState::Unknown,
         });
         let field = LikelihoodField::new(&map, LikelihoodFieldParams::default()).unwrap();
