@@ -45,7 +45,9 @@ pub struct LikelihoodFieldParams {
     pub max_distance: f64,
     /// What a beam that ends in unobserved space says.
     pub unknown: UnknownSpace,
-    /// Whether occupied cells count as obstacles only where one of their four neighbours is free.
+    /// Whether occupied cells count as obstacles only where a beam can end on them: where one of their four neighbours is free,
+    /// or is unobserved and the cell is not the back of a wall (no surface lies straight through it within half a metre, nor
+    /// close by).
     ///
     /// No beam ends inside a wall. If its inside counts all the same, a pose that puts the end points there is as likely
     /// as one that puts them on the face: walls of several cells spread the belief (Beluga, issue 265) and pull a
@@ -102,21 +104,57 @@ impl LikelihoodFieldParams {
     }
 }
 
-/// The map without occupied cells that no free one touches; none if that would leave no occupied cell.
+/// Thickest wall whose back is known for one, in metres.
+const WALL: f64 = 0.5;
+
+/// Occupied cells this near to a surface, in metres along either axis, belong to it: a wall that runs askew to the grid has its
+/// back beside its front, not straight behind it.
+const NEAR: f64 = 0.15;
+
+const SIDES: [(i32, i32); 4] = [(-1, 0), (1, 0), (0, -1), (0, 1)];
+
+/// The map without occupied cells that no beam ends on; none if no occupied cell has a free neighbour.
+///
+/// A cell with a free neighbour is a surface, and one whose neighbours are all occupied is not. Between the two are those that
+/// border on unobserved space: what was seen through a gap too narrow to free the cells before it is a surface too, the back of a
+/// wall is not, which is told by a surface straight through it or close by.
 fn surfaces(map: &Grid<CellState>) -> Option<Grid<CellState>> {
+    let layout = map.layout();
+    let cells = |metres: f64| (metres / layout.resolution()).round().min(f64::from(i32::MAX)) as i32;
+    // Of a map as fine as that, the sums must not overflow.
+    let (steps, near) = (cells(WALL), cells(NEAR).min(32));
     let mut surfaces = map.clone();
-    let mut some_left = false;
+    let (mut some_left, mut bordering) = (false, Vec::new());
     for (index, state) in surfaces.values_mut().iter_mut().enumerate() {
         if *state != CellState::Occupied {
             continue;
         }
-        let Cell { x, y } = map.layout().cell(index);
-        let neighbours = [(x - 1, y), (x + 1, y), (x, y - 1), (x, y + 1)];
-        if neighbours.iter().any(|&(x, y)| map.get(Cell::new(x, y)) == Some(&CellState::Free)) {
+        let Cell { x, y } = layout.cell(index);
+        let neighbours = SIDES.map(|(dx, dy)| map.get(Cell::new(x + dx, y + dy)).copied());
+        if neighbours.contains(&Some(CellState::Free)) {
             some_left = true;
         } else {
             *state = CellState::Free;
+            if neighbours.contains(&Some(CellState::Unknown)) {
+                bordering.push(Cell::new(x, y));
+            }
         }
+    }
+    // The cells that are left in `surfaces` have free neighbours.
+    bordering.retain(|&Cell { x, y }| {
+        let is_back = |&(dx, dy): &(i32, i32)| {
+            let inwards = |k: i32| Cell::new(x - k * dx, y - k * dy);
+            map.get(Cell::new(x + dx, y + dy)) == Some(&CellState::Unknown)
+                && (1..=steps)
+                    .take_while(|&k| map.get(inwards(k)) == Some(&CellState::Occupied))
+                    .any(|k| surfaces.get(inwards(k)) == Some(&CellState::Occupied))
+        };
+        let is_surface = |x: i32, y: i32| surfaces.get(Cell::new(x, y)) == Some(&CellState::Occupied);
+        let is_near = || (x - near..=x + near).any(|x| (y - near..=y + near).any(|y| is_surface(x, y)));
+        !(SIDES.iter().any(is_back) || is_near())
+    });
+    for &cell in &bordering {
+        surfaces.set(cell, CellState::Occupied);
     }
     some_left.then_some(surfaces)
 }
@@ -311,6 +349,22 @@ mod tests {
         assert_eq!(solid.likelihood(Cell::new(4, 4)), solid.likelihood(Cell::new(7, 4)));
         let unobserved = wall(CellState::Unknown);
         assert_eq!(field(&unobserved, true).values(), field(&unobserved, false).values());
+    }
+
+    #[test]
+    fn what_was_seen_through_a_gap_is_a_surface() {
+        // From the left: free space, a wall of two cells with a gap, unobserved space, and in it a thin wall and a solid one.
+        let map = map(40, 20, |c| match (c.x, c.y) {
+            (0..10, _) => CellState::Free,
+            (10..12, y) if y != 7 => CellState::Occupied,
+            (20 | 30..34, _) => CellState::Occupied,
+            _ => CellState::Unknown,
+        });
+        let field = LikelihoodField::new(&map, LikelihoodFieldParams::default()).unwrap();
+        let is_surface = |x: i32| field.likelihood(Cell::new(x, 12)) > field.params().density(0.05) as f32;
+        let found: Vec<i32> = (0..40).filter(|&x| is_surface(x)).collect();
+        // Not the back of the first wall, but both sides of the one that no surface says to be a back.
+        assert_eq!(found, [10, 20, 30, 33]);
     }
 
     #[test]
