@@ -34,6 +34,7 @@
 //! ```
 
 mod any_angle;
+mod anya;
 mod astar;
 mod bidirectional;
 mod components;
@@ -56,6 +57,7 @@ mod view;
 
 pub use agv_core::grid::{Components, Connectivity, CornerRule};
 pub use any_angle::Parent;
+pub use anya::Anya;
 pub use astar::{AStar, AStarParams, AStarSolver, GridHeuristic};
 pub use bidirectional::{Bidirectional, BidirectionalSolver};
 pub use dijkstra::{Dijkstra, DijkstraSolver};
