@@ -7,8 +7,8 @@ use agv_core::nalgebra::Vector2;
 use agv_core::path::Path;
 use agv_core::roles::{GlobalPlanner, NoPathReason, PlanOutcome};
 use agv_plan::grid::{
-    AStar, AStarParams, Bidirectional, Connectivity, CornerRule, Dijkstra, GridHeuristic, GridParams,
-    GridPlannerParams, GridSpace, Jps, UnknownCells,
+    AStar, AStarParams, Bidirectional, Connectivity, CornerRule, DStarLite, Dijkstra, GridHeuristic, GridParams,
+    GridPlannerParams, GridSpace, Jps, JpsPlus, UnknownCells,
 };
 use proptest::prelude::*;
 
@@ -139,12 +139,14 @@ proptest! {
         let mut planners: Vec<Box<dyn GlobalPlanner>> =
             heuristics.into_iter().map(|h| Box::new(planner(h)) as Box<dyn GlobalPlanner>).collect();
         planners.push(Box::new(Dijkstra::new(GridPlannerParams { grid, ..Default::default() }).unwrap()));
+        planners.push(Box::new(DStarLite::new(GridPlannerParams { grid, ..Default::default() }).unwrap()));
         for heuristic in [GridHeuristic::Exact, GridHeuristic::Zero] {
             let params = AStarParams { grid, heuristic, ..Default::default() };
             planners.push(Box::new(Bidirectional::new(params).unwrap()));
         }
         if grid.cost_weight == 0.0 {
             planners.push(Box::new(Jps::new(GridPlannerParams { grid, ..Default::default() }).unwrap()));
+            planners.push(Box::new(JpsPlus::new(GridPlannerParams { grid, ..Default::default() }).unwrap()));
         }
         for (first, s, g) in picks {
             let costmap = if first { &one } else { &other };

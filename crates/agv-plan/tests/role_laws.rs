@@ -6,8 +6,8 @@ use agv_core::grid::{Cell, Costmap, Grid, GridLayout, cost};
 use agv_core::nalgebra::Vector2;
 use agv_core::roles::{GlobalPlanner, laws};
 use agv_plan::grid::{
-    AStar, AStarParams, Bidirectional, Connectivity, Dijkstra, GridHeuristic, GridParams, GridPlannerParams, Jps,
-    LazyThetaStar, ThetaStar,
+    AStar, AStarParams, Bidirectional, Connectivity, DStarLite, Dijkstra, GridHeuristic, GridParams, GridPlannerParams,
+    Jps, JpsPlus, LazyThetaStar, ThetaStar,
 };
 use rand_distr::{Bernoulli, Distribution, Uniform};
 
@@ -60,10 +60,12 @@ fn planners_keep_the_laws() {
                         AStar::new(AStarParams { grid, heuristic: GridHeuristic::Zero, ..Default::default() }).unwrap(),
                     ),
                 ];
+                planners.push(Box::new(DStarLite::new(GridPlannerParams { grid, ..Default::default() }).unwrap()));
                 planners.push(Box::new(Bidirectional::new(AStarParams { grid, ..Default::default() }).unwrap()));
                 if cost_weight == 0.0 {
                     let params = GridPlannerParams { grid, ..Default::default() };
                     planners.push(Box::new(Jps::new(params).unwrap()));
+                    planners.push(Box::new(JpsPlus::new(params).unwrap()));
                     planners.push(Box::new(ThetaStar::new(params).unwrap()));
                     planners.push(Box::new(LazyThetaStar::new(params).unwrap()));
                 }

@@ -41,7 +41,7 @@ pub use local_map::{LocalMap, LocalMapParams};
 pub use neighbourhood::{Connectivity, CornerRule};
 pub use occupancy::{OccupancyGrid, OccupancyParams};
 pub use ray_cast::{RayCastParams, RayCaster, RayHit};
-pub use revision::{CellRect, Revision};
+pub use revision::{CellRect, History, Revision};
 pub use scan_insertion::ScanInsertion;
 pub use thresholds::{MapMode, OccupancyPercent, OccupancyThresholds};
 pub use traversal::Traversal;

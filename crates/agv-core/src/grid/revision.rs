@@ -30,8 +30,8 @@ pub struct CellRect {
 }
 
 impl CellRect {
-    /// All cells of a grid.
-    pub(super) const fn whole(width: usize, height: usize) -> Self {
+    /// All cells of a grid of this size.
+    pub const fn whole(width: usize, height: usize) -> Self {
         Self { min: Cell::new(0, 0), max: Cell::new(width as i32 - 1, height as i32 - 1) }
     }
 
@@ -51,10 +51,16 @@ impl CellRect {
         cell.x >= self.min.x && cell.x <= self.max.x && cell.y >= self.min.y && cell.y <= self.max.y
     }
 
-    fn with(self, cell: Cell) -> Self {
+    const fn one(cell: Cell) -> Self {
+        Self { min: cell, max: cell }
+    }
+
+    /// The least rectangle that holds both.
+    #[must_use]
+    pub fn joined(self, other: Self) -> Self {
         Self {
-            min: Cell::new(self.min.x.min(cell.x), self.min.y.min(cell.y)),
-            max: Cell::new(self.max.x.max(cell.x), self.max.y.max(cell.y)),
+            min: Cell::new(self.min.x.min(other.min.x), self.min.y.min(other.min.y)),
+            max: Cell::new(self.max.x.max(other.max.x), self.max.y.max(other.max.y)),
         }
     }
 }
@@ -67,9 +73,22 @@ enum Written {
     All,
 }
 
-/// The past of a value, as far as it is told.
+/// The past of a grid, as far as it is told: kept by what writes it, so that who reads it can ask where it has changed since
+/// it last looked.
+///
+/// ```
+/// use agv_core::grid::{Cell, CellRect, History};
+///
+/// let (whole, mut history) = (CellRect::whole(40, 30), History::default());
+/// let seen = history.revision().clone();
+/// assert_eq!(history.changed_since(&seen, whole), None);
+/// history.cell_changed(Cell::new(3, 4));
+/// history.cell_changed(Cell::new(5, 2));
+/// let rect = CellRect { min: Cell::new(3, 2), max: Cell::new(5, 4) };
+/// assert_eq!(history.changed_since(&seen, whole), Some(rect));
+/// ```
 #[derive(Debug)]
-pub(super) struct History {
+pub struct History {
     revision: Revision,
     /// Count at which `written` began.
     since: u64,
@@ -89,30 +108,40 @@ impl Clone for History {
 }
 
 impl History {
-    pub(super) const fn revision(&self) -> &Revision {
+    /// The state that it is in.
+    pub const fn revision(&self) -> &Revision {
         &self.revision
     }
 
-    pub(super) fn cell_changed(&mut self, cell: Cell) {
+    /// A cell was written.
+    pub fn cell_changed(&mut self, cell: Cell) {
+        self.cells_changed(CellRect::one(cell));
+    }
+
+    /// Cells of a rectangle were written.
+    pub fn cells_changed(&mut self, cells: CellRect) {
         self.revision.count += 1;
         self.written = match self.written {
-            Written::Nothing => Written::Cells(CellRect { min: cell, max: cell }),
-            Written::Cells(rect) => Written::Cells(rect.with(cell)),
+            Written::Nothing => Written::Cells(cells),
+            Written::Cells(rect) => Written::Cells(rect.joined(cells)),
             Written::All => Written::All,
         };
     }
 
-    pub(super) const fn all_changed(&mut self) {
+    /// All cells were written, or the grid is another one.
+    pub const fn all_changed(&mut self) {
         self.revision.count += 1;
         self.written = Written::All;
     }
 
-    pub(super) const fn settle(&mut self) {
+    /// Begins a new rectangle of changes; revisions from before it are answered with all cells.
+    pub const fn settle(&mut self) {
         self.since = self.revision.count;
         self.written = Written::Nothing;
     }
 
-    pub(super) fn changed_since(&self, seen: &Revision, whole: CellRect) -> Option<CellRect> {
+    /// A rectangle that holds all cells written since `seen`; none if there are none; `whole` if that is not known.
+    pub fn changed_since(&self, seen: &Revision, whole: CellRect) -> Option<CellRect> {
         if *seen == self.revision {
             return None;
         }

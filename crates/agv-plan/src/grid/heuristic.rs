@@ -62,9 +62,15 @@ impl Offset {
     /// Absolute column and row distance of the node.
     #[inline]
     pub const fn of(&self, node: u32) -> (u32, u32) {
+        let cell = self.cell(node);
+        (self.goal.x.abs_diff(cell.x), self.goal.y.abs_diff(cell.y))
+    }
+
+    /// Column and row of the node.
+    #[inline]
+    pub(super) const fn cell(&self, node: u32) -> Cell {
         let row = if self.reciprocal == 0 { node } else { ((self.reciprocal as u128 * node as u128) >> 64) as u32 };
-        let column = node.wrapping_sub(row.wrapping_mul(self.width));
-        (self.goal.x.abs_diff(column as i32), self.goal.y.abs_diff(row as i32))
+        Cell::new(node.wrapping_sub(row.wrapping_mul(self.width)) as i32, row as i32)
     }
 }
 

@@ -7,7 +7,7 @@ use super::{
 use crate::Error;
 use agv_core::{
     check,
-    grid::{Cell, Connectivity, CornerRule, Costmap, GridLayout, cost},
+    grid::{Cell, CellRect, Connectivity, CornerRule, Costmap, GridLayout, History, Revision, cost},
 };
 
 /// What a planner makes of cells that nobody has observed.
@@ -45,9 +45,10 @@ impl GridParams {
 
 /// The graph of a costmap: a mask of open neighbours per cell.
 ///
-/// Node `y * width + x` is cell `(x, y)`, as in the costmap's storage. [`update`](Self::update) compares the costmap with the
-/// one it knows and derives again only the rows that changed: an unchanged map costs a comparison of bytes (some 30 ns
-/// per thousand cells), so that a planner may be handed a costmap with every query.
+/// Node `y * width + x` is cell `(x, y)`, as in the costmap's storage. [`update`](Self::update) asks the costmap what was
+/// written since it was seen last, compares that part and derives again only the rows that changed: the same map costs
+/// nothing, an equal one a comparison of bytes (some 30 ns per thousand cells), so that a planner may be handed a costmap
+/// with every query.
 ///
 /// ```
 /// use agv_core::geometry::Se2;
@@ -66,6 +67,8 @@ impl GridParams {
 pub struct GridSpace {
     params: GridParams,
     layout: Option<GridLayout>,
+    /// State of the costmap that was seen last.
+    seen: Option<Revision>,
     /// The costmap as it was seen last.
     costs: Vec<u8>,
     masks: Vec<u8>,
@@ -76,6 +79,7 @@ pub struct GridSpace {
     reverse_only: Pruning,
     /// Three padded rows of passable cells.
     rows: [Vec<u8>; 3],
+    history: History,
 }
 
 impl GridSpace {
@@ -100,6 +104,7 @@ impl GridSpace {
         Ok(Self {
             params,
             layout: None,
+            seen: None,
             costs: Vec::new(),
             masks: Vec::new(),
             passable,
@@ -107,6 +112,7 @@ impl GridSpace {
             canonical: Pruning::canonical(params.connectivity, params.corner_rule),
             reverse_only: Pruning::reverse_only(),
             rows: Default::default(),
+            history: History::default(),
         })
     }
 
@@ -126,37 +132,68 @@ impl GridSpace {
         let (width, height) = (layout.width(), layout.height());
         let same_size = self.layout.is_some_and(|l| l.width() == width && l.height() == height);
         self.layout = Some(layout);
-        if same_size && self.costs == costmap.costs() {
-            return 0;
-        }
+        let seen = self.seen.replace(costmap.revision().clone()).filter(|_| same_size);
+        let whole = CellRect::whole(width, height);
+        let Some(written) = seen.map_or(Some(whole), |seen| costmap.changed_since(&seen)) else { return 0 };
         if !same_size {
             self.masks.clear();
             self.masks.resize(layout.len(), 0);
             self.costs.clear();
             self.costs.resize(layout.len(), cost::LETHAL);
         }
+        let (first, last) = (written.min.y as usize, written.max.y as usize);
         // Row y's masks see the rows beside it: they are derived when the next row is known, if one of the three changed.
         let (mut changed, mut window) = (0, [!same_size; 3]);
-        for y in 0..=height {
-            let now = y < height && (self.copy_row(y, width, costmap) || !same_size);
+        let mut touched: Option<CellRect> = None;
+        for y in first..=(last + 2).min(height) {
+            let cells = if y <= last && y < height { self.copy_row(y, width, costmap) } else { None };
+            touched = match (touched, cells) {
+                (Some(rect), Some(cells)) => Some(rect.joined(cells)),
+                (rect, cells) => rect.or(cells),
+            };
+            let now = y < height && (cells.is_some() || !same_size);
             changed += usize::from(now);
             window = [window[1], window[2], now];
             if y > 0 && window.contains(&true) {
                 self.derive_row(y - 1, width, height);
             }
         }
+        if !same_size {
+            self.history.all_changed();
+        } else if let Some(CellRect { min, max }) = touched {
+            // Steps from and to the cells beside those that changed may be others.
+            let min = Cell::new((min.x - 1).max(0), (min.y - 1).max(0));
+            let max = Cell::new((max.x + 1).min(whole.max.x), (max.y + 1).min(whole.max.y));
+            self.history.settle();
+            self.history.cells_changed(CellRect { min, max });
+        }
         changed
     }
 
-    /// Copies row `y` and says whether it differed.
-    fn copy_row(&mut self, y: usize, width: usize, costmap: &Costmap) -> bool {
+    /// Copies row `y` and says which of its cells differed.
+    fn copy_row(&mut self, y: usize, width: usize, costmap: &Costmap) -> Option<CellRect> {
         let cells = y * width..(y + 1) * width;
         let (old, new) = (&mut self.costs[cells.clone()], &costmap.costs()[cells]);
-        let differs = *old != *new;
-        if differs {
-            old.copy_from_slice(new);
+        if *old == *new {
+            return None;
         }
-        differs
+        let differs = |(a, b): (&u8, &u8)| a != b;
+        let first = old.iter().zip(new).position(differs)?;
+        let last = old.iter().zip(new).rposition(differs)?;
+        old.copy_from_slice(new);
+        Some(CellRect { min: Cell::new(first as i32, y as i32), max: Cell::new(last as i32, y as i32) })
+    }
+
+    /// Which state of which space this is: equal revisions have equal cells.
+    pub const fn revision(&self) -> &Revision {
+        self.history.revision()
+    }
+
+    /// A rectangle that holds all cells whose costs or steps changed since `seen`; none if there are none. All cells if more
+    /// than one [`update`](Self::update) that found changes lies between.
+    pub fn changed_since(&self, seen: &Revision) -> Option<CellRect> {
+        let layout = self.layout.as_ref()?;
+        self.history.changed_since(seen, CellRect::whole(layout.width(), layout.height()))
     }
 
     /// Masks of row `y` from the costs.
@@ -222,6 +259,10 @@ impl GridSpace {
 
     pub(super) const fn reverse_only(&self) -> &Pruning {
         &self.reverse_only
+    }
+
+    pub(super) fn masks(&self) -> &[u8] {
+        &self.masks
     }
 
     pub(super) fn costs(&self) -> &[u8] {

@@ -52,6 +52,13 @@ pub struct CostWeighted<'a> {
     steps: &'a [[u32; 2]; 256],
 }
 
+impl<'a> CostWeighted<'a> {
+    /// The prices of a space.
+    pub(super) fn of(space: &'a GridSpace) -> Self {
+        Self { params: space.params(), costs: space.costs(), steps: space.step_costs() }
+    }
+}
+
 impl StepPrices for CostWeighted<'_> {
     type From = [u32; 2];
 
@@ -100,7 +107,7 @@ impl GridSpace {
 
     /// The graph with steps that cost more near obstacles, as [`GridParams::cost_weight`] says.
     pub fn weighted(&self) -> Weighted<'_> {
-        let prices = CostWeighted { params: self.params(), costs: self.costs(), steps: self.step_costs() };
+        let prices = CostWeighted::of(self);
         GridView { space: self, strides: self.strides(), pruning: self.reverse_only(), prices }
     }
 }

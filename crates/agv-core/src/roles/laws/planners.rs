@@ -44,7 +44,13 @@ pub fn global_planner(
 
     let mut again = Path::new();
     let second = player.plan_into(costmap, start, goal, &mut again);
-    ensure(ROLE, "the same query has the same answer, bit for bit", second == outcome && again == path)?;
+    // A planner that remembers may have less to do, so the expansions are not compared.
+    let cost = |outcome| match outcome {
+        Ok(PlanOutcome::Found { cost, .. }) => Some(f64::to_bits(cost)),
+        _ => None,
+    };
+    let same = cost(second) == cost(outcome) && again == path;
+    ensure(ROLE, "the same query has the same answer, bit for bit", same)?;
 
     let trivial = player.plan_into(costmap, start, start, &mut path);
     let stays = matches!(trivial, Ok(PlanOutcome::Found { .. })) && !path.is_empty();
