@@ -13,7 +13,7 @@
 //! their ratio to it.
 //!
 //! A time is that of the call that a user makes, from two poses to a path of poses, on a map that the planner has seen: the
-//! fastest of `--repeats`. What a map costs once, tables of its own included, is `prepare_ms`.
+//! fastest of `--repeats` (of D* Lite, which remembers, the first). What a map costs once, tables of its own included, is `prepare_ms`.
 //!
 //! You will see how many queries missed their optimum, times and expansions, and in `target/agv/plan/path.svg` the longest path
 //! with the cells that were looked at. Exit code 1 if a query missed its optimum or has no path, 2 if the input is bad.

@@ -7,8 +7,8 @@ use agv_nav::{
         roles::GlobalPlanner,
     },
     plan::grid::{
-        AStar, AStarParams, Anya, Bidirectional, Dijkstra, GridPlanner, GridPlannerParams, GridSolver, Jps,
-        LazyThetaStar, ThetaStar,
+        AStar, AStarParams, Anya, Bidirectional, DStarLite, Dijkstra, GridPlanner, GridPlannerParams, GridSolver, Jps,
+        JpsPlus, LazyThetaStar, ThetaStar,
     },
 };
 use clap::ValueEnum;
@@ -24,6 +24,11 @@ pub(crate) enum Algorithm {
     Bidirectional,
     /// Jump points
     Jps,
+    /// Jump points from a table of the map
+    #[value(name = "jpsplus", alias = "jps_plus")]
+    JpsPlus,
+    /// D* Lite: from the goal, and it remembers
+    DstarLite,
     /// Theta*: at any angle, nearly shortest
     Theta,
     /// Lazy Theta*: as Theta*, with fewer lines of sight
@@ -63,10 +68,17 @@ impl Algorithm {
             Self::Astar => Box::new(AStar::new(a_star)?),
             Self::Bidirectional => Box::new(Bidirectional::new(a_star)?),
             Self::Jps => Box::new(Jps::new(params)?),
+            Self::JpsPlus => Box::new(JpsPlus::new(params)?),
+            Self::DstarLite => Box::new(DStarLite::new(params)?),
             Self::Theta => Box::new(ThetaStar::new(params)?),
             Self::LazyTheta => Box::new(LazyThetaStar::new(params)?),
             Self::AnyAngle => Box::new(Anya::new(params)?),
         })
+    }
+
+    /// Whether it answers the same question faster when it is asked again.
+    pub(crate) fn remembers(self) -> bool {
+        self == Self::DstarLite
     }
 
     /// Whether its paths leave the directions of the grid.
