@@ -119,14 +119,17 @@ proptest! {
         let mut costs: Vec<u8> = blocked.iter().map(|&b| if b < share { cost::LETHAL } else { cost::FREE }).collect();
         costs.truncate(width * height);
         let ends = [ends.0 % costs.len(), ends.1 % costs.len()];
-        ends.iter().for_each(|&end| costs[end] = cost::FREE);
+        for end in ends {
+            costs[end] = cost::FREE;
+        }
         let costmap = Costmap::from_costs(Grid::new(layout, costs).unwrap());
         let [start, goal] = ends.map(|end| layout.cell(end));
         let mut planner = Anya::new(GridPlannerParams::default()).unwrap();
         let (found, want) = (solve(&mut planner, &costmap, start, goal), shortest(&costmap, start, goal));
-        match (found, want) {
-            (Some(found), Some(want)) => prop_assert!((found - want).abs() < 1e-9, "{} instead of {}", found, want),
-            _ => prop_assert_eq!(found, want),
+        if let (Some(found), Some(want)) = (found, want) {
+            prop_assert!((found - want).abs() < 1e-9, "{} instead of {}", found, want);
+        } else {
+            prop_assert_eq!(found, want);
         }
     }
 }

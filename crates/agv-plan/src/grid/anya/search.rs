@@ -127,10 +127,10 @@ impl Search {
         way.extend(at_goal.then_some(self.goal));
         loop {
             let Root { point, parent, .. } = self.roots[root as usize];
-            if let [.., before, last] = way[..] {
-                if cross(before.to(last), last.to(point)) == 0 {
-                    way.pop();
-                }
+            if let [.., before, last] = way[..]
+                && cross(before.to(last), last.to(point)) == 0
+            {
+                way.pop();
             }
             if way.last() != Some(&point) {
                 way.push(point);
