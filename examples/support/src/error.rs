@@ -79,12 +79,36 @@ pub fn run<E: Display>(example: impl FnOnce() -> Result<(), E>) -> ExitCode {
     match example() {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
-            // A message of several lines (from a parser) is folded into one; a closed standard error is no reason to panic.
-            let message = error.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
-            let _ = writeln!(io::stderr(), "error: {message}");
+            complain(&error);
             ExitCode::FAILURE
         }
     }
+}
+
+/// Runs an example that judges what it sees: exit code 0 if all is as it should be, 1 if not, and 2 with one line on standard
+/// error, as for bad arguments, if there was nothing to judge.
+///
+/// ```
+/// # use std::process::ExitCode;
+/// let code = agv_support::judge(|| Ok::<bool, agv_support::Error>(2 + 2 == 5));
+/// assert_eq!(code, ExitCode::from(1));
+/// ```
+pub fn judge<E: Display>(example: impl FnOnce() -> Result<bool, E>) -> ExitCode {
+    match example() {
+        Ok(true) => ExitCode::SUCCESS,
+        Ok(false) => ExitCode::FAILURE,
+        Err(error) => {
+            complain(&error);
+            ExitCode::from(2)
+        }
+    }
+}
+
+/// Says what is wrong, in one line.
+fn complain(error: &impl Display) {
+    // A message of several lines (from a parser) is folded into one; a closed standard error is no reason to panic.
+    let message = error.to_string().split_whitespace().collect::<Vec<_>>().join(" ");
+    let _ = writeln!(io::stderr(), "error: {message}");
 }
 
 #[cfg(test)]

@@ -38,5 +38,5 @@ pub mod trajectory;
 #[cfg(test)]
 mod testing;
 
-pub use error::{Error, run};
+pub use error::{Error, judge, run};
 pub use input::Input;

@@ -42,16 +42,22 @@ pub fn read_map(path: impl AsRef<Path>) -> Result<Grid<CellState>, Error> {
 pub fn parse_map(input: &Input) -> Result<Grid<CellState>, Error> {
     let mut lines = input.lines();
     let mut size = [None; 2];
+    let mut number = 0;
     loop {
-        let Some(line) = lines.next() else { return Err(input.file_error("the header has no line `map`")) };
-        let (number, text) = line?;
+        let Some(line) = lines.next() else { return Err(input.line_error(number + 1, "the header has no line `map`")) };
+        let text;
+        (number, text) = line?;
         let mut fields = Fields::blank_separated(input, number, text);
         match text.split_ascii_whitespace().next().unwrap_or_default() {
             "type" => {}
             word @ ("height" | "width") => {
                 fields.text(word)?;
-                size[usize::from(word == "width")] = Some(fields.count(word, 1 << 20)?);
+                let cells = fields.count(word, 1 << 20)?;
                 fields.end()?;
+                if cells == 0 {
+                    return Err(input.line_error(number, format_args!("a map of {word} 0 has no cells")));
+                }
+                size[usize::from(word == "width")] = Some(cells);
             }
             "map" => break,
             word => {
@@ -61,16 +67,21 @@ pub fn parse_map(input: &Input) -> Result<Grid<CellState>, Error> {
         }
     }
     let [Some(height), Some(width)] = size else {
-        return Err(input.file_error("the header lacks height or width"));
+        return Err(input.line_error(number, "the header lacks height or width"));
     };
-    let layout = GridLayout::new(width, height, 1.0, Se2::default()).map_err(|error| input.file_error(error))?;
+    let layout =
+        GridLayout::new(width, height, 1.0, Se2::default()).map_err(|error| input.line_error(number, error))?;
     // The file must hold a character per cell: the header alone allocates nothing.
     if layout.len() > input.bytes().len() {
-        return Err(input.file_error(format_args!("{width} x {height} cells claimed, the file is shorter")));
+        return Err(input.line_error(number, format_args!("{width} x {height} cells claimed, the file is shorter")));
     }
     let mut grid = Grid::filled(layout, CellState::Occupied);
     for row in 0..height {
-        let (number, text) = lines.next().unwrap_or_else(|| Err(input.file_error("rows are missing")))?;
+        let Some(line) = lines.next() else {
+            return Err(input.line_error(number + 1, format_args!("rows are missing: {row} of {height} are there")));
+        };
+        let text;
+        (number, text) = line?;
         if text.len() != width {
             let reason = format!("row {row} has {} characters, the header says {width}", text.len());
             return Err(input.line_error(number, reason));
@@ -87,6 +98,12 @@ pub fn parse_map(input: &Input) -> Result<Grid<CellState>, Error> {
                 }
             };
             grid.set(Cell::new(column as i32, (height - 1 - row) as i32), state);
+        }
+    }
+    for line in lines {
+        let (number, text) = line?;
+        if !text.trim().is_empty() {
+            return Err(input.line_error(number, format_args!("a row more than the {height} of the header")));
         }
     }
     Ok(grid)
@@ -139,6 +156,9 @@ pub fn parse_scenario(input: &Input) -> Result<Vec<Query>, Error> {
         };
         let (start, goal) = (cell(["start x", "start y"])?, cell(["goal x", "goal y"])?);
         let optimal_length = fields.finite("optimal length")?;
+        if optimal_length < 0.0 {
+            return Err(input.line_error(number, format_args!("an optimal length of {optimal_length}")));
+        }
         fields.end()?;
         queries.push(Query { bucket, map, size, start, goal, optimal_length });
     }
@@ -173,9 +193,40 @@ mod tests {
         assert!(map("height 2\nwidth 2\nmap\n..\n").contains("rows are missing"));
         assert!(map("height 1\nwidth 2\nmap\n.?\n").contains("m:4: column 1: unknown terrain `?`"));
         assert!(map("height 1000000\nwidth 1000\nmap\n.\n").contains("the file is shorter"));
-        assert!(map("height 0\nwidth 0\nmap\n").contains("empty"));
+        for (text, line, reason) in [
+            ("", 1, "expected type"),
+            ("height 2\nwidth 2\n", 3, "no line `map`"),
+            ("type octile\r\nheight 0\r\nwidth 3\r\nmap\r\n", 2, "a map of height 0 has no cells"),
+            ("width 0\nheight 3\nmap\n", 1, "a map of width 0"),
+            ("height -3\nwidth 3\nmap\n", 1, "must be a whole number"),
+            ("height 3.5\n", 1, "must be a whole number"),
+            ("height 99999999\n", 1, "at most"),
+            ("height 1 2\nwidth 3\nmap\n...\n", 1, ""),
+            ("type octile\nwidth 3\nmap\n...\n", 3, "lacks height or width"),
+            ("size 3\n", 1, "expected type, height, width or map"),
+            ("height 2\nwidth 2\nmap\n..\n", 5, "1 of 2 are there"),
+            ("height 2\nwidth 2\nmap\n..\n.\n", 5, "row 1 has 1 characters"),
+            ("height 1\nwidth 2\nmap\n..\n\n..\n", 6, "a row more"),
+        ] {
+            let message = map(text);
+            assert!(message.starts_with(&format!("m:{line}: ")) && message.contains(reason), "{text:?}: {message}");
+        }
         let scenario = |text: &str| parse_scenario(&Input::new("s", text)).unwrap_err().to_string();
-        assert!(scenario("0 m 3 2 3 0 1 1 1").contains("s:1: (3, 0) lies outside"));
+        for (text, reason) in [
+            ("0 m 3 2 3 0 1 1 1", "(3, 0) lies outside"),
+            ("0 m 3 2 0 0 1 2 1", "(1, 2) lies outside"),
+            ("0 m 0 0 0 0 0 0 0", "(0, 0) lies outside"),
+            ("0 m 3 2 -1 0 1 1 1", "must be a whole number"),
+            ("0 m 3 2 NaN 0 1 1 1", "must be a whole number"),
+            ("0 m 3 2 0 0 1 1 NaN", "must be finite"),
+            ("0 m 3 2 0 0 1 1 inf", "must be finite"),
+            ("0 m 3 2 0 0 1 1 -4", "an optimal length of -4"),
+            ("0 m 3 2 0 0 1 1 1 7", ""),
+            ("x m 3 2 0 0 1 1 1", "must be a whole number"),
+        ] {
+            let message = scenario(&format!("version 1\r\n0 m 3 2 0 0 1 1 1.5\r\n{text}\r\n"));
+            assert!(message.starts_with("s:3: ") && message.contains(reason), "{text}: {message}");
+        }
         assert!(scenario("version 1\n0 m 3 2 0").contains("s:2: the line ends before field 6 (start y)"));
     }
 

@@ -58,11 +58,13 @@ impl InflationParams {
     ///
     /// At the circumscribed radius of a footprint it is the cost below which a vehicle is free whatever its heading.
     pub fn cost_at(&self, distance: f64) -> u8 {
+        // Six cells of 0.05 m are 0.3 m, and a hair more in binary: they are held by a radius of 0.3 m all the same.
+        let within = |radius: f64| distance <= radius * (1.0 + 1e-9);
         if distance <= 0.0 {
             cost::LETHAL
-        } else if distance <= self.inscribed_radius {
+        } else if within(self.inscribed_radius) {
             cost::INSCRIBED
-        } else if distance <= self.inflation_radius {
+        } else if within(self.inflation_radius) {
             let decay = (-self.cost_scaling_factor * (distance - self.inscribed_radius)).exp();
             (f64::from(cost::MAX_NON_OBSTACLE) * decay) as u8
         } else {
@@ -245,6 +247,19 @@ mod tests {
             map.set(Cell::new(10, 10), CellState::Occupied);
             inflation.inflate_into(&map, &mut costmap).unwrap();
             assert_eq!(costmap, Inflation::new(InflationParams::default()).unwrap().inflate(&map).unwrap());
+        }
+    }
+
+    #[test]
+    fn a_radius_holds_the_cells_at_that_distance() {
+        for (resolution, cells) in [(0.05, 6), (0.05, 7), (0.03, 10), (0.1, 3), (0.1, 7)] {
+            let radius: f64 = format!("{:.2}", resolution * f64::from(cells)).parse().unwrap();
+            let params = InflationParams { inscribed_radius: radius, inflation_radius: radius, ..Default::default() };
+            let mut map = Grid::filled(GridLayout::new(30, 1, resolution, Se2::default()).unwrap(), CellState::Free);
+            map.set(Cell::new(0, 0), CellState::Occupied);
+            let costmap = Inflation::new(params).unwrap().inflate(&map).unwrap();
+            let costs = [cells, cells + 1].map(|x| costmap.cost(Cell::new(x, 0)).unwrap());
+            assert_eq!(costs, [cost::INSCRIBED, cost::FREE], "{resolution} {cells}");
         }
     }
 }

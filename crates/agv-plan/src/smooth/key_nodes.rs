@@ -4,7 +4,7 @@
 //! becomes a key node *and the start of the next line*. (The paper lets `P[i]` be the next start, which leaves the stretch
 //! between the two unchecked.)
 
-use super::LineOfSight;
+use super::{LineOfSight, PathSmoother};
 use crate::Error;
 use agv_core::{
     check,
@@ -13,7 +13,7 @@ use agv_core::{
     path::{Gear, Path, PathPoint},
 };
 
-/// Parameters of [`KeyNodes`].
+/// Parameters of [`KeyNodes`] and of [`TautString`](super::TautString).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct KeyNodesParams {
@@ -24,6 +24,16 @@ pub struct KeyNodesParams {
     pub max_cost: u8,
     /// Whether new lines may cross unknown cells.
     pub cross_unknown: bool,
+}
+
+impl KeyNodesParams {
+    /// The line of sight that they describe.
+    pub(super) fn sight(self) -> Result<LineOfSight, Error> {
+        let margin = check::non_negative("margin", self.margin)?;
+        let greatest = f64::from(cost::MAX_NON_OBSTACLE);
+        check::in_range("max_cost", f64::from(self.max_cost), 0.0, greatest)?;
+        Ok(LineOfSight { max_cost: self.max_cost, unknown_blocks: !self.cross_unknown, margin })
+    }
 }
 
 impl Default for KeyNodesParams {
@@ -64,10 +74,7 @@ impl KeyNodes {
     /// # Errors
     /// A margin that is not finite or negative; a `max_cost` that would let lines through obstacles.
     pub fn new(params: KeyNodesParams) -> Result<Self, Error> {
-        let margin = check::non_negative("margin", params.margin)?;
-        let greatest = f64::from(cost::MAX_NON_OBSTACLE);
-        check::in_range("max_cost", f64::from(params.max_cost), 0.0, greatest)?;
-        Ok(Self { sight: LineOfSight { max_cost: params.max_cost, unknown_blocks: !params.cross_unknown, margin } })
+        Ok(Self { sight: params.sight()? })
     }
 
     /// Writes the straightened path, reusing the memory of `short`.
@@ -101,6 +108,12 @@ impl KeyNodes {
             Some(point.gear) == gear && self.sight.is_clear(costmap, &from, &point.pose.translation())
         });
         next + seen.count().saturating_sub(1)
+    }
+}
+
+impl PathSmoother for KeyNodes {
+    fn smooth_into(&mut self, costmap: &Costmap, path: &Path, smooth: &mut Path) -> Result<(), agv_core::Error> {
+        self.shorten_into(costmap, path, smooth)
     }
 }
 

@@ -74,7 +74,7 @@ impl LineOfSight {
         true
     }
 
-    fn may_cross(self, value: u8) -> bool {
+    pub(super) fn may_cross(self, value: u8) -> bool {
         if value == cost::UNKNOWN { !self.unknown_blocks } else { value <= self.max_cost }
     }
 }

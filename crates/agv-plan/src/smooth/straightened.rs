@@ -1,6 +1,6 @@
 //! A planner whose paths are straightened.
 
-use super::KeyNodes;
+use super::{KeyNodes, PathSmoother};
 use agv_core::{
     geometry::Se2,
     grid::Costmap,
@@ -8,7 +8,7 @@ use agv_core::{
     roles::{GlobalPlanner, PlanError, PlanOutcome},
 };
 
-/// Plans with `P` and leaves only the key nodes of its paths; the [`GlobalPlanner`] role.
+/// Plans with `P` and smooths its paths by `S`, as by leaving only their key nodes; the [`GlobalPlanner`] role.
 ///
 /// The cost of the outcome is that of `P`'s own path.
 ///
@@ -29,21 +29,21 @@ use agv_core::{
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone)]
-pub struct Straightened<P> {
+pub struct Straightened<P, S = KeyNodes> {
     planner: P,
-    key_nodes: KeyNodes,
+    smoother: S,
     /// The planner's own path.
     path: Path,
 }
 
-impl<P: GlobalPlanner> Straightened<P> {
-    /// A planner that straightens what `planner` finds.
-    pub const fn new(planner: P, key_nodes: KeyNodes) -> Self {
-        Self { planner, key_nodes, path: Path::new() }
+impl<P: GlobalPlanner, S: PathSmoother> Straightened<P, S> {
+    /// A planner that straightens what `planner` finds, by key nodes, a taut string or any other smoother.
+    pub const fn new(planner: P, smoother: S) -> Self {
+        Self { planner, smoother, path: Path::new() }
     }
 }
 
-impl<P: GlobalPlanner> GlobalPlanner for Straightened<P> {
+impl<P: GlobalPlanner, S: PathSmoother> GlobalPlanner for Straightened<P, S> {
     fn plan_into(
         &mut self,
         costmap: &Costmap,
@@ -53,7 +53,7 @@ impl<P: GlobalPlanner> GlobalPlanner for Straightened<P> {
     ) -> Result<PlanOutcome, PlanError> {
         path.clear();
         let outcome = self.planner.plan_into(costmap, start, goal, &mut self.path)?;
-        self.key_nodes.shorten_into(costmap, &self.path, path)?;
+        self.smoother.smooth_into(costmap, &self.path, path)?;
         Ok(outcome)
     }
 }

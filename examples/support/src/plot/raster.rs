@@ -1,11 +1,13 @@
 //! What lies under the lines of a scene, pixel by pixel: the map in greys, clouds coloured by height.
 
+use super::Color;
 use agv_core::{
     grid::{CellState, Grid},
     nalgebra::Vector2,
     sensors::PointCloud,
 };
 use image::{Rgb, RgbImage};
+use plotters::style::RGBColor;
 
 /// A rectangle of the map frame, in metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -38,14 +40,34 @@ fn shade(state: CellState) -> Rgb<u8> {
 
 /// Draws the map's part inside `bounds`; outside the map is unknown.
 pub(super) fn draw_map(image: &mut RgbImage, bounds: &Bounds, map: &Grid<CellState>) {
+    for_each_pixel(image, bounds, |point, pixel| {
+        let cell = map.layout().cell_at(&point);
+        *pixel = shade(cell.and_then(|cell| map.get(cell)).copied().unwrap_or_default());
+    });
+}
+
+/// Calls `paint` with each pixel and the point of the map frame at its centre.
+fn for_each_pixel(image: &mut RgbImage, bounds: &Bounds, mut paint: impl FnMut(Vector2<f64>, &mut Rgb<u8>)) {
     let (width, height) = image.dimensions();
     let (size, top) = (bounds.size(), bounds.max.y);
     for (column, row, pixel) in image.enumerate_pixels_mut() {
         let x = bounds.min.x + (f64::from(column) + 0.5) / f64::from(width) * size.x;
         let y = top - (f64::from(row) + 0.5) / f64::from(height) * size.y;
-        let cell = map.layout().cell_at(&Vector2::new(x, y));
-        *pixel = shade(cell.and_then(|cell| map.get(cell)).copied().unwrap_or_default());
+        paint(Vector2::new(x, y), pixel);
     }
+}
+
+/// Tints the cells inside `bounds` that are true, by a third.
+pub(super) fn draw_cells(image: &mut RgbImage, bounds: &Bounds, cells: &Grid<bool>, color: Color) {
+    let RGBColor(r, g, b) = color.rgb();
+    for_each_pixel(image, bounds, |point, pixel| {
+        let cell = cells.layout().cell_at(&point);
+        if cell.and_then(|cell| cells.get(cell)) == Some(&true) {
+            for (below, above) in pixel.0.iter_mut().zip([r, g, b]) {
+                *below = ((2 * u16::from(*below) + u16::from(above)) / 3) as u8;
+            }
+        }
+    });
 }
 
 /// Draws the points from above, coloured by height from the 2nd to the 98th percentile, higher ones over lower ones.

@@ -3,7 +3,7 @@
 use super::{
     Color,
     picture::{self, PLACEHOLDER, Picture},
-    raster::{Bounds, draw_cloud, draw_map},
+    raster::{Bounds, draw_cells, draw_cloud, draw_map},
 };
 use crate::Error;
 use agv_core::{
@@ -31,6 +31,7 @@ enum Layer {
     Line(Vec<Vector2<f64>>),
     Particles(Vec<Se2>),
     Mark(Vector2<f64>),
+    Cells(Grid<bool>),
 }
 
 /// A floor seen from above; what is added later lies over what was added before.
@@ -107,6 +108,19 @@ impl Scene {
         self.layer(label, color, Layer::Mark(point))
     }
 
+    /// Tints the cells that are true, under all lines.
+    #[must_use]
+    pub fn cells(self, label: &str, color: Color, cells: &Grid<bool>) -> Self {
+        self.layer(label, color, Layer::Cells(cells.clone()))
+    }
+
+    fn tinted(&self) -> impl Iterator<Item = (Color, &Grid<bool>)> {
+        self.layers.iter().filter_map(|(_, color, layer)| match layer {
+            Layer::Cells(cells) => Some((*color, cells)),
+            _ => None,
+        })
+    }
+
     fn layer(mut self, label: &str, color: Color, layer: Layer) -> Self {
         self.layers.push((label.to_owned(), color, layer));
         self
@@ -132,6 +146,8 @@ impl Scene {
             Layer::Line(points) => points.clone(),
             Layer::Particles(poses) => poses.iter().map(Se2::translation).collect(),
             Layer::Mark(point) => vec![*point],
+            // They lie on the map.
+            Layer::Cells(_) => Vec::new(),
         });
         let all = known.chain(clouds.map(|p| Vector2::new(f64::from(p.x), f64::from(p.y)))).chain(lines);
         let bounds = Bounds::around(all).unwrap_or(Bounds { min: Vector2::zeros(), max: Vector2::zeros() });
@@ -164,6 +180,9 @@ impl Picture for Scene {
         let mut image = RgbImage::from_pixel(size.x.ceil() as u32, size.y.ceil() as u32, image::Rgb([255; 3]));
         if let Some(map) = &self.map {
             draw_map(&mut image, &bounds, map);
+        }
+        for (color, cells) in self.tinted() {
+            draw_cells(&mut image, &bounds, cells, color);
         }
         for cloud in &self.clouds {
             draw_cloud(&mut image, &bounds, cloud);
@@ -219,7 +238,7 @@ impl Picture for Scene {
                     pen.dot(to_pixel(point), WHITE, 7.5)?;
                     pen.dot(to_pixel(point), color, 5.5)?;
                 }
-                Layer::Mark(_) => {}
+                Layer::Mark(_) | Layer::Cells(_) => {}
             }
         }
 
@@ -252,6 +271,7 @@ impl Scene {
             Layer::Line(points) => !points.is_empty(),
             Layer::Particles(poses) => !poses.is_empty(),
             Layer::Mark(_) => true,
+            Layer::Cells(cells) => cells.values().contains(&true),
         };
         for (label, color, layer) in self.layers.iter().filter(|(label, _, layer)| !label.is_empty() && drawn(layer)) {
             if x + 30.0 + text_width(label) > f64::from(self.width) {
@@ -347,10 +367,14 @@ mod tests {
         let line =
             [Vector2::new(0.0, 0.0), Vector2::new(f64::NAN, 1.0), Vector2::new(1.0, 2.0), Vector2::new(5.0, 2.0)];
         let scene = Scene::new("Test").width(600).map(&map()).line("a", Color::Blue, line);
+        let scene = scene.cells("seen", Color::Green, &Grid::filled(*map().layout(), true));
         scene.mark("goal", Color::Red, Vector2::new(3.0, 3.0)).write(scratch.path("a.png")).unwrap();
         let image = image::open(scratch.path("a.png")).unwrap().into_rgb8();
         assert_eq!(image.width(), 600);
-        for wanted in [Color::Blue.rgb(), Color::Red.rgb(), RGBColor(38, 42, 48), RGBColor(222, 225, 229)] {
+        let green = Color::Green.rgb();
+        let mix = |below: u8, above: u8| ((2 * u16::from(below) + u16::from(above)) / 3) as u8;
+        let tint = |r, g, b| RGBColor(mix(r, green.0), mix(g, green.1), mix(b, green.2));
+        for wanted in [Color::Blue.rgb(), Color::Red.rgb(), tint(38, 42, 48), RGBColor(222, 225, 229)] {
             let close =
                 |p: &&image::Rgb<u8>| p.0.iter().zip([wanted.0, wanted.1, wanted.2]).all(|(a, b)| a.abs_diff(b) < 6);
             assert!(image.pixels().filter(close).count() > 20, "{wanted:?}");
