@@ -224,6 +224,11 @@ impl GridSpace {
         &self.reverse_only
     }
 
+    /// Masks of all nodes.
+    pub(crate) fn masks(&self) -> &[u8] {
+        &self.masks
+    }
+
     pub(super) fn costs(&self) -> &[u8] {
         &self.costs
     }
@@ -233,7 +238,7 @@ impl GridSpace {
     }
 
     /// How the node's number changes by each step, modulo 2^32.
-    pub(super) fn strides(&self) -> [u32; 8] {
+    pub(crate) fn strides(&self) -> [u32; 8] {
         let width = self.layout.map_or(0, |l| l.width() as u32);
         Step::ALL.map(|step| (step.dx() as u32).wrapping_add((step.dy() as u32).wrapping_mul(width)))
     }
