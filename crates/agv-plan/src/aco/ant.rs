@@ -1,8 +1,8 @@
 //! An ant's way: step by step to a neighbour it has not been to, drawn by weight.
 
-use super::sight::TURNS;
+use super::{ground::Ground, sight::TURNS};
 use agv_core::compute::Stream;
-use rand::RngExt;
+use rand::Rng;
 
 /// What an ant does in a dead end, where it has been to all neighbours. The paper does not say.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -24,9 +24,9 @@ pub(super) struct Rules<'a> {
     /// How a cell's number changes by each step.
     pub(super) strides: &'a [u32; 8],
     /// Weight of every step by its pheromone, `[cell][step]`.
-    pub(super) trail: &'a [f32],
+    pub(super) trail: &'a [[f32; 8]],
     /// Weight of a step by what is seen, `[cell that it leads to][turn]`; none where the trail has it all.
-    pub(super) sight: &'a [f32],
+    pub(super) sight: &'a [[f32; TURNS]],
     /// How often the best step is taken.
     pub(super) greed: f32,
     pub(super) dead_end: DeadEnd,
@@ -39,53 +39,16 @@ pub(super) struct Rules<'a> {
 pub(super) struct Ant {
     /// Steps from the start, as bits of a mask.
     pub(super) steps: Vec<u8>,
-    pub(super) arrived: bool,
+    /// Length of its way, in cells, if it arrived.
+    pub(super) length: Option<f64>,
     /// Steps that it took, those back included.
     pub(super) taken: u64,
 }
 
-impl Ant {
-    /// Length of its way, in cells: from counts, so that equal ways have equal bits.
-    pub(super) fn length(&self) -> f64 {
-        length_of(&self.steps)
-    }
-}
-
-/// Length of steps, in cells.
+/// Length of steps, in cells: from counts, so that equal ways have equal bits.
 pub(super) fn length_of(steps: &[u8]) -> f64 {
     let diagonal = steps.iter().filter(|&&step| step >= 4).count();
     (steps.len() - diagonal) as f64 + diagonal as f64 * std::f64::consts::SQRT_2
-}
-
-/// Which cells an ant has been to.
-#[derive(Debug, Clone, Default)]
-pub(super) struct Footprints {
-    stamps: Vec<u32>,
-    stamp: u32,
-}
-
-impl Footprints {
-    /// Forgets all, in a field of so many cells.
-    pub(super) fn clear(&mut self, cells: usize) {
-        if self.stamps.len() != cells || self.stamp == u32::MAX {
-            self.stamps.clear();
-            self.stamps.resize(cells, 0);
-            self.stamp = 0;
-        }
-        self.stamp += 1;
-    }
-
-    #[inline]
-    pub(super) fn set(&mut self, node: u32) {
-        if let Some(slot) = self.stamps.get_mut(node as usize) {
-            *slot = self.stamp;
-        }
-    }
-
-    #[inline]
-    pub(super) fn contains(&self, node: u32) -> bool {
-        self.stamps.get(node as usize).is_none_or(|&stamp| stamp == self.stamp)
-    }
 }
 
 /// Eighths of a full turn of each step, counter-clockwise from +x.
@@ -116,74 +79,117 @@ pub(super) fn turns_of(steps: &[u8]) -> usize {
 
 impl Rules<'_> {
     /// Sends an ant on its way.
-    pub(super) fn walk(&self, ant: &mut Ant, been: &mut Footprints, stream: &mut Stream) {
-        if self.sight.is_empty() { self.walk_with::<false>(ant, been, stream) } else { self.walk_with::<true>(ant, been, stream) }
+    pub(super) fn walk(&self, ant: &mut Ant, ground: &mut Ground, stream: &mut Stream) {
+        if self.sight.is_empty() {
+            self.walk_with::<false>(ant, ground, stream);
+        } else {
+            self.walk_with::<true>(ant, ground, stream);
+        }
     }
 
-    fn walk_with<const SEES: bool>(&self, ant: &mut Ant, been: &mut Footprints, stream: &mut Stream) {
-        been.clear(self.masks.len());
+    fn walk_with<const SEES: bool>(&self, ant: &mut Ant, ground: &mut Ground, stream: &mut Stream) {
+        ground.restore(self.masks);
         ant.steps.clear();
         ant.taken = 0;
         let mut node = self.start;
-        been.set(node);
         let mut last = 8;
+        ground.tread(node);
         while node != self.goal {
-            match self.choose::<SEES>(node, last, been, stream) {
-                Some(step) => {
-                    ant.steps.push(step as u8);
-                    node = node.wrapping_add(self.strides[step]);
-                    been.set(node);
-                    last = step;
+            let open = ground.open(node);
+            if open == 0 {
+                if self.dead_end == DeadEnd::Die {
+                    break;
                 }
-                None if self.dead_end == DeadEnd::Die => break,
-                None => {
-                    let Some(step) = ant.steps.pop() else { break };
-                    node = node.wrapping_sub(self.strides[usize::from(step & 7)]);
-                    last = ant.steps.last().map_or(8, |&step| usize::from(step));
-                }
+                let Some(step) = ant.steps.pop() else { break };
+                node = node.wrapping_sub(self.strides[usize::from(step & 7)]);
+                last = ant.steps.last().map_or(8, |&step| usize::from(step));
+            } else {
+                let step = self.choose::<SEES>(node, last, open, stream);
+                ant.steps.push(step as u8);
+                node = node.wrapping_add(self.strides[step]);
+                ground.tread(node);
+                last = step;
             }
             ant.taken += 1;
         }
-        ant.arrived = node == self.goal;
+        ant.length = (node == self.goal).then(|| length_of(&ant.steps));
     }
 
-    /// The next step from a cell, if a neighbour is left.
+    /// A step among the open ones, of which there is one at least.
     #[inline]
-    fn choose<const SEES: bool>(&self, node: u32, last: usize, been: &Footprints, stream: &mut Stream) -> Option<usize> {
-        let at = node as usize;
-        let mut open = *self.masks.get(at)?;
-        let weights: &[f32; 8] = self.trail.get(at * 8..)?.first_chunk()?;
-        let changes = CHANGES.get(last)?;
-        // Running sums of the weights, and the steps that they belong to.
-        let (mut sums, mut steps, mut count) = ([0.0_f32; 8], [0_u8; 8], 0);
-        let (mut sum, mut greatest, mut best) = (0.0, f32::NEG_INFINITY, 0);
-        while open != 0 {
-            let step = open.trailing_zeros() as usize & 7;
-            open &= open - 1;
-            let next = node.wrapping_add(self.strides[step]);
-            if been.contains(next) {
-                continue;
-            }
-            let mut weight = weights[step];
-            if SEES {
-                weight *= self.sight.get(next as usize * TURNS + usize::from(changes[step])).copied().unwrap_or(0.0);
-            }
-            if weight > greatest {
-                (greatest, best) = (weight, step);
-            }
-            sum += weight;
-            sums[count & 7] = sum;
-            steps[count & 7] = step as u8;
-            count += 1;
+    fn choose<const SEES: bool>(&self, node: u32, last: usize, open: u8, stream: &mut Stream) -> usize {
+        let first = open.trailing_zeros() as usize & 7;
+        if open & (open - 1) == 0 {
+            return first;
         }
-        if count < 2 {
-            return (count == 1).then_some(best);
+        let Some(row) = self.trail.get(node as usize) else { return first };
+        // Closed steps weigh nothing.
+        let mut weights = [0.0_f32; 8];
+        for ((weight, trail), kept) in weights.iter_mut().zip(row).zip(&LANES[open as usize]) {
+            *weight = trail * kept;
         }
-        if self.greed > 0.0 && stream.random::<f32>() < self.greed {
-            return Some(best);
+        if SEES {
+            let changes = CHANGES.get(last).unwrap_or(&[0; 8]);
+            let mut rest = open;
+            while rest != 0 {
+                let step = rest.trailing_zeros() as usize & 7;
+                rest &= rest - 1;
+                let next = node.wrapping_add(self.strides[step]);
+                weights[step] *=
+                    self.sight.get(next as usize).map_or(0.0, |row| row[usize::from(changes[step]) % TURNS]);
+            }
         }
-        let drawn = sum * stream.random::<f32>();
-        let index = sums.iter().take(count - 1).filter(|&&bound| bound <= drawn).count();
-        steps.get(index).map(|&step| usize::from(step))
+        let draw = stream.next_u64();
+        // 24 bits each: what single precision holds.
+        let (fate, spin) = ((draw >> 40) as f32 * SCALE, (draw & 0xff_ffff) as f32 * SCALE);
+        if fate < self.greed {
+            return best_of(&weights, first);
+        }
+        let sums = running_sums(&weights);
+        let drawn = sums[7] * spin;
+        let passed: u32 = sums.iter().map(|&sum| u32::from(sum <= drawn)).sum();
+        // Rounding may pass the last one.
+        if passed < 8 { passed as usize } else { best_of(&weights, first) }
     }
 }
+
+const SCALE: f32 = 1.0 / (1 << 24) as f32;
+
+/// The first step of greatest weight.
+#[inline]
+fn best_of(weights: &[f32; 8], first: usize) -> usize {
+    let (mut best, mut greatest) = (first, 0.0);
+    for (step, &weight) in weights.iter().enumerate() {
+        if weight > greatest {
+            (best, greatest) = (step, weight);
+        }
+    }
+    best
+}
+
+/// Sums up to each weight, in three rounds of additions that do not wait for one another.
+#[inline]
+fn running_sums(w: &[f32; 8]) -> [f32; 8] {
+    let pairs = [w[0], w[0] + w[1], w[2], w[2] + w[3], w[4], w[4] + w[5], w[6], w[6] + w[7]];
+    let low = [pairs[0], pairs[1], pairs[1] + pairs[2], pairs[1] + pairs[3]];
+    let high = [pairs[4], pairs[5], pairs[5] + pairs[6], pairs[5] + pairs[7]];
+    let half = low[3];
+    [low[0], low[1], low[2], half, half + high[0], half + high[1], half + high[2], half + high[3]]
+}
+
+/// One for every bit of a mask that is set, zero for the others.
+static LANES: [[f32; 8]; 256] = {
+    let mut table = [[0.0; 8]; 256];
+    let mut mask = 0;
+    while mask < 256 {
+        let mut bit = 0;
+        while bit < 8 {
+            if mask >> bit & 1 == 1 {
+                table[mask][bit] = 1.0;
+            }
+            bit += 1;
+        }
+        mask += 1;
+    }
+    table
+};

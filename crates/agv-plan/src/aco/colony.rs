@@ -1,9 +1,10 @@
 //! The colony: iteration by iteration.
 
 use super::{
-    ant::{Ant, Footprints, Rules, length_of, turns_of},
+    ant::{Ant, Rules, length_of, turns_of},
     detours::Detours,
     flood::Flood,
+    ground::Ground,
     history::{Iteration, Run},
     params::ColonyParams,
     sight::{SightTable, step_factors},
@@ -11,7 +12,9 @@ use super::{
 };
 use crate::{
     Error,
-    grid::{DIAGONAL, GridPlanner, GridPlannerParams, GridSolver, GridSpace, Limits, STRAIGHT, SearchEnd, SearchResult},
+    grid::{
+        DIAGONAL, GridPlanner, GridPlannerParams, GridSolver, GridSpace, Limits, STRAIGHT, SearchEnd, SearchResult,
+    },
 };
 use agv_core::compute::{Par, Seed};
 
@@ -57,7 +60,7 @@ pub struct Colony {
 #[derive(Debug, Clone, Default)]
 struct Squad {
     ants: Vec<Ant>,
-    been: Footprints,
+    ground: Ground,
     detours: Detours,
 }
 
@@ -125,12 +128,13 @@ impl Colony {
         };
         let (seed, erase) = (self.seed, params.erase_detours);
         self.par.for_each_chunk(self.squads.as_mut_slice(), 1, |squad, squads| {
-            for Squad { ants, been, detours } in squads {
+            for Squad { ants, ground, detours } in squads {
                 for (index, ant) in ants.iter_mut().enumerate() {
                     let mut stream = seed.stream(iteration as u64, (squad * SQUAD + index) as u64);
-                    rules.walk(ant, been, &mut stream);
-                    if erase && ant.arrived {
+                    rules.walk(ant, ground, &mut stream);
+                    if erase && ant.length.is_some() {
                         detours.erase(&rules, &mut ant.steps);
+                        ant.length = Some(length_of(&ant.steps));
                     }
                 }
             }
@@ -143,10 +147,7 @@ impl Colony {
         let (mut sum, mut arrived) = (0.0, 0);
         for (index, ant) in self.squads.iter().flat_map(|squad| &squad.ants).enumerate() {
             self.run.steps += ant.taken;
-            if !ant.arrived {
-                continue;
-            }
-            let length = ant.length();
+            let Some(length) = ant.length else { continue };
             sum += length;
             arrived += 1;
             if best.is_none_or(|(least, _)| length < least) {
@@ -185,17 +186,17 @@ impl Colony {
         trail.evaporate(params.evaporation);
         let (Some((best, worst)), Some(now)) = (ends, history.last()) else { return };
         let ant = |index: usize| &squads[index / SQUAD].ants[index % SQUAD];
-        let arrived = squads.iter().flat_map(|squad| &squad.ants).filter(|ant| ant.arrived);
+        let ants = squads.iter().flat_map(|squad| &squad.ants);
+        let arrived = ants.filter_map(|ant| ant.length.map(|length| (ant, length)));
         match params.deposit {
             Deposit::EveryAnt => {
-                for ant in arrived {
-                    trail.deposit(start, &ant.steps, strides, quantity / ant.length().max(1.0));
+                for (ant, length) in arrived {
+                    trail.deposit(start, &ant.steps, strides, quantity / length.max(1.0));
                 }
             }
             Deposit::Graded { threshold } => {
                 let [least, mean, greatest] = [now.best, now.mean, now.worst].map(|length| quantity / length.max(1.0));
-                for ant in arrived {
-                    let length = ant.length();
+                for (ant, length) in arrived {
                     let fitness = now.best / length;
                     let amount = if length == now.best {
                         least + mean - greatest
@@ -240,6 +241,7 @@ impl GridSolver for Colony {
         let strides = space.strides();
         self.trail.reset(space.len(), self.params.initial);
         self.sight.prepare(&self.params.sight, space, goal);
+        self.squads.iter_mut().for_each(|squad| squad.ground.prepare(space));
         let mut stopped = None;
         let mut levelled = 0;
         for iteration in 0..self.params.iterations {

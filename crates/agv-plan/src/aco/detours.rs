@@ -4,13 +4,13 @@
 //! own cells in the order it came to them, the shortest is found by one sweep (dynamic programming over the way, where
 //! every cell looks at its open neighbours that lie earlier). Of equally short ones the straighter is kept.
 
-use super::ant::{Footprints, Rules};
+use super::{ant::Rules, marks::Marks};
 use crate::grid::{DIAGONAL, STRAIGHT};
 
 /// Memory of the sweep.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Detours {
-    on_way: Footprints,
+    on_way: Marks,
     /// Where on the way a cell lies; of meaning for cells on it.
     places: Vec<u32>,
     /// For every place: the cell, the least cost from the start, the place before and the step that leads here.
@@ -67,7 +67,7 @@ impl Detours {
     }
 
     fn enter(&mut self, node: u32, cost: u32, before: (u32, u8)) {
-        self.on_way.set(node);
+        self.on_way.insert(node);
         if let Some(slot) = self.places.get_mut(node as usize) {
             *slot = self.cells.len() as u32;
         }

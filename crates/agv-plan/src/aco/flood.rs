@@ -1,13 +1,13 @@
 //! What can be reached from a cell: so that ants are sent only where there is a way.
 
-use super::{ant::Footprints, detours::REVERSED};
+use super::{detours::REVERSED, marks::Marks};
 use crate::grid::{DIAGONAL, GridSpace, STRAIGHT};
 use std::iter::successors;
 
 /// Cells reached from a start, breadth first, and the steps that led there.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Flood {
-    reached: Footprints,
+    reached: Marks,
     /// Step that led to a cell; of meaning for reached ones.
     steps: Vec<u8>,
     queue: Vec<u32>,
@@ -43,7 +43,7 @@ impl Flood {
     }
 
     fn enter(&mut self, node: u32, step: u8) {
-        self.reached.set(node);
+        self.reached.insert(node);
         if let Some(slot) = self.steps.get_mut(node as usize) {
             *slot = step;
         }
@@ -56,7 +56,7 @@ impl Flood {
     }
 
     fn contains(&self, node: u32) -> bool {
-        (node as usize) < self.steps.len() && self.reached.contains(node)
+        self.reached.contains(node)
     }
 
     /// The cell before a reached one, and the step from there; none for the start.

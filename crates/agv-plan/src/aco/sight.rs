@@ -62,6 +62,11 @@ impl Sight {
         Self::Goal { distance: 0.7, direction: 0.3, reading }
     }
 
+    /// `1 / d_jE`, the widespread heuristic of colonies on grids: Eq. 5 of the distance alone.
+    pub const fn to_goal() -> Self {
+        Self::Goal { distance: 1.0, direction: 0.0, reading: GoalDistance::Plain }
+    }
+
     pub(super) fn check(&self) -> Result<(), Error> {
         if let Self::Goal { distance, direction, .. } = *self {
             check::in_range("distance weight", distance, 0.0, 1e3)?;
@@ -81,8 +86,8 @@ impl Sight {
 #[derive(Debug, Clone, Default)]
 pub(super) struct SightTable {
     /// ln η about the middle of its range, `[cell][turn]`; empty where η does not depend on them.
-    logarithms: Vec<f32>,
-    powers: Vec<f32>,
+    logarithms: Vec<[f32; TURNS]>,
+    powers: Vec<[f32; TURNS]>,
     beta: f64,
 }
 
@@ -100,17 +105,18 @@ impl SightTable {
         for node in 0..space.len() as u32 {
             if space.mask(node) == 0 {
                 // Nobody comes here.
-                self.logarithms.extend([0.0; TURNS]);
+                self.logarithms.push([0.0; TURNS]);
                 continue;
             }
             let cell = space.cell(node);
             let away = distance * reading.of(f64::from(target.x - cell.x), f64::from(target.y - cell.y));
             let row = costs.map(|c| -(away + c).max(LEAST).ln());
-            (least, greatest) = (row.iter().copied().fold(least, f64::min), row.iter().copied().fold(greatest, f64::max));
-            self.logarithms.extend(row.map(|v| v as f32));
+            (least, greatest) =
+                (row.iter().copied().fold(least, f64::min), row.iter().copied().fold(greatest, f64::max));
+            self.logarithms.push(row.map(|v| v as f32));
         }
         let middle = f64::midpoint(least, greatest) as f32;
-        self.logarithms.iter_mut().for_each(|v| *v -= middle);
+        self.logarithms.as_flattened_mut().iter_mut().for_each(|v| *v -= middle);
     }
 
     /// Raises η to β.
@@ -122,11 +128,11 @@ impl SightTable {
         let exponent = beta as f32;
         self.powers.clear();
         let limited = |v: f32| (exponent * v).clamp(-Self::LIMIT, Self::LIMIT);
-        self.powers.extend(self.logarithms.iter().map(|&v| limited(v).exp()));
+        self.powers.extend(self.logarithms.iter().map(|row| row.map(|v| limited(v).exp())));
     }
 
     /// η^β, `[cell][turn]`; empty where it does not depend on them.
-    pub(super) fn powers(&self) -> &[f32] {
+    pub(super) fn powers(&self) -> &[[f32; TURNS]] {
         &self.powers
     }
 }

@@ -99,8 +99,8 @@ impl TrailLimits {
 /// Pheromone of every directed step, `[cell][step]`, and the weights that it gives.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Trail {
-    pheromone: Vec<f32>,
-    powers: Vec<f32>,
+    pheromone: Vec<[f32; 8]>,
+    powers: Vec<[f32; 8]>,
 }
 
 impl Trail {
@@ -112,22 +112,31 @@ impl Trail {
 
     pub(super) fn reset(&mut self, cells: usize, initial: f64) {
         self.pheromone.clear();
-        self.pheromone.resize(cells * 8, initial as f32);
+        self.pheromone.resize(cells, [initial as f32; 8]);
         self.powers.clear();
-        self.powers.resize(cells * 8, 0.0);
+        self.powers.resize(cells, [0.0; 8]);
     }
 
     /// All steps back to one value.
     pub(super) fn level(&mut self, value: f32) {
-        self.pheromone.fill(value);
+        self.pheromone.fill([value; 8]);
     }
 
     /// Keeps the pheromone within its limits and raises it to α, times a factor per step.
     pub(super) fn raise(&mut self, alpha: f64, (floor, ceiling): (f32, f32), factors: &[f32; 8]) {
         let alpha = alpha as f32;
+        let limits = (floor.max(Self::POWERS.0), ceiling.min(Self::POWERS.1));
+        if alpha == 1.0 {
+            for (row, powers) in self.pheromone.iter_mut().zip(&mut self.powers) {
+                for ((tau, out), factor) in row.iter_mut().zip(powers).zip(factors) {
+                    *tau = tau.clamp(limits.0, limits.1);
+                    *out = *tau * factor;
+                }
+            }
+            return;
+        }
         let (mut last, mut power) = (f32::NAN, 0.0);
-        let rows = self.pheromone.as_chunks_mut::<8>().0.iter_mut().zip(self.powers.as_chunks_mut::<8>().0);
-        for (row, powers) in rows {
+        for (row, powers) in self.pheromone.iter_mut().zip(&mut self.powers) {
             for ((tau, out), factor) in row.iter_mut().zip(powers).zip(factors) {
                 *tau = tau.clamp(floor, ceiling);
                 // Most steps were never walked and share one value: a comparison saves the power.
@@ -140,13 +149,13 @@ impl Trail {
         }
     }
 
-    pub(super) fn powers(&self) -> &[f32] {
+    pub(super) fn powers(&self) -> &[[f32; 8]] {
         &self.powers
     }
 
     pub(super) fn evaporate(&mut self, rate: f64) {
         let kept = (1.0 - rate) as f32;
-        self.pheromone.iter_mut().for_each(|tau| *tau *= kept);
+        self.pheromone.as_flattened_mut().iter_mut().for_each(|tau| *tau *= kept);
     }
 
     /// Adds pheromone to the steps of a way.
@@ -154,8 +163,8 @@ impl Trail {
         let (amount, mut node) = (amount as f32, start);
         for &step in steps {
             let step = usize::from(step & 7);
-            if let Some(tau) = self.pheromone.get_mut(node as usize * 8 + step) {
-                *tau += amount;
+            if let Some(tau) = self.pheromone.get_mut(node as usize) {
+                tau[step] += amount;
             }
             node = node.wrapping_add(strides[step]);
         }
