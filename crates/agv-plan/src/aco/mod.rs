@@ -13,6 +13,8 @@
 //! ([`DeadEnd`]), the least pheromone ([`TrailLimits`]), the first one. Additions to the paper are off in its presets
 //! and on in [`ColonyParams::refined`].
 //!
+//! [`SparrowSearch`] is another swarm to compare with (reference [34] of the paper).
+//!
 //! A colony is a heuristic: it may miss the shortest path, which A* finds in a hundredth of the time. It is here to be compared
 //! with, and for its parts.
 //!
@@ -59,6 +61,7 @@ mod marks;
 mod params;
 mod schedule;
 mod sight;
+mod sparrow;
 mod trail;
 
 pub use ant::DeadEnd;
@@ -67,4 +70,5 @@ pub use history::{Iteration, Run};
 pub use params::ColonyParams;
 pub use schedule::{Greed, Schedule};
 pub use sight::{GoalDistance, Sight};
+pub use sparrow::{SparrowParams, SparrowSearch, Swarm};
 pub use trail::{Deposit, TrailLimits};
