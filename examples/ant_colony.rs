@@ -92,13 +92,16 @@ fn show(set: &Set, summaries: &[Summary], report: &mut Report, json: bool) {
             report.number(&format!("{}_{key}_ratio", set.key), summary.ratio.mean);
         }
     }
-    let Some(aco) = named("ACO") else { return };
-    for (name, key) in [("IACO, key nodes", "point"), ("IACO, key nodes, 0.3 m", "radius")] {
-        if let Some(summary) = named(name) {
-            let less = |ours: f64, theirs: f64| 100.0 * (1.0 - ours / theirs);
-            report.number(&format!("{}_{key}_turns_less_percent", set.key), less(summary.turns.mean, aco.turns.mean));
-            report
-                .number(&format!("{}_{key}_length_less_percent", set.key), less(summary.length.mean, aco.length.mean));
+    for (theirs, under) in [("ACO", ""), ("ACO, goal seen", "_goal_seen")] {
+        let Some(aco) = named(theirs) else { continue };
+        for (name, key) in [("IACO, key nodes", "point"), ("IACO, key nodes, 0.3 m", "radius")] {
+            if let Some(summary) = named(name) {
+                let less = |ours: f64, theirs: f64| 100.0 * (1.0 - ours / theirs);
+                let [turns, length] =
+                    ["turns", "length"].map(|what| format!("{}_{key}_{what}_less{under}_percent", set.key));
+                report.number(&turns, less(summary.turns.mean, aco.turns.mean));
+                report.number(&length, less(summary.length.mean, aco.length.mean));
+            }
         }
     }
 }

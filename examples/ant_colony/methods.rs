@@ -39,10 +39,13 @@ const IACO: Row = Row::colony("pheromone (IACO)", ColonyParams::iaco());
 const REFINED: Row = Row::colony("refined", ColonyParams::refined());
 
 /// The paper's Table 1 from rung to rung; what the paper calls IACO has key nodes.
-pub(crate) const LADDER: [Row; 11] = [
+/// The first two rungs are there twice: with Eq. 1's heuristic, which knows no goal, and with the widespread one that does.
+pub(crate) const LADDER: [Row; 13] = [
     ACO,
     ACO.with_key_nodes("ACO, key nodes", 0.0),
     Row::colony("transition", ColonyParams::with_transition()),
+    ACO_TO_GOAL,
+    Row::colony("transition, goal seen", ColonyParams { sight: Sight::to_goal(), ..ColonyParams::with_transition() }),
     Row::colony("heuristic", ColonyParams::with_heuristic()),
     Row { name: "ISSA", search: Search::Sparrows(SparrowParams::improved()), key_nodes: None, again: false },
     IACO,
@@ -54,13 +57,14 @@ pub(crate) const LADDER: [Row; 11] = [
 ];
 
 const ACO: Row = Row::colony("ACO", ColonyParams::aco());
+const ACO_TO_GOAL: Row = Row::colony("ACO, goal seen", ColonyParams { sight: Sight::to_goal(), ..ColonyParams::aco() });
 const BASE: ColonyParams = ColonyParams::iaco();
 
 /// Every option and addition alone, beside the defaults.
 pub(crate) const OPTIONS: [Row; 19] = [
     ACO,
     Row::colony("ACO, dies in dead ends", ColonyParams { dead_end: DeadEnd::Die, ..ColonyParams::aco() }),
-    Row::colony("ACO, 1/d to the goal", ColonyParams { sight: Sight::to_goal(), ..ColonyParams::aco() }),
+    ACO_TO_GOAL,
     Row::colony("ACO, detours erased", ColonyParams { erase_detours: true, ..ColonyParams::aco() }),
     IACO,
     Row::colony(

@@ -107,13 +107,19 @@ fn room(door: bool) -> Costmap {
     Costmap::from_costs(grid)
 }
 
-const ENDS: (fn() -> Se2, fn() -> Se2) = (|| Se2::new(0.08, 0.05, 0.3), || Se2::new(3.92, 2.93, -1.0));
+fn start() -> Se2 {
+    Se2::new(0.08, 0.05, 0.3)
+}
+
+fn goal() -> Se2 {
+    Se2::new(3.92, 2.93, -1.0)
+}
 
 #[test]
 fn the_planner_keeps_the_laws_of_its_role() {
     for params in kinds().into_iter().filter(|params| params.dead_end == DeadEnd::Retreat) {
         let mut planner = AntColony::new(GridPlannerParams::default(), params, Seed(3)).unwrap();
-        assert_eq!(laws::global_planner(&mut planner, &room(true), &ENDS.0(), &ENDS.1()), Ok(()), "{params:?}");
+        assert_eq!(laws::global_planner(&mut planner, &room(true), &start(), &goal()), Ok(()), "{params:?}");
     }
 }
 
@@ -127,8 +133,8 @@ fn threads_and_earlier_queries_do_not_show() {
             let mut outcome = None;
             for _ in 0..queries {
                 // The last query is always that from start to goal in the open room.
-                planner.plan_into(&room(false), &ENDS.1(), &Se2::new(3.0, 0.1, 0.0), &mut path).unwrap();
-                outcome = Some(planner.plan_into(&room(true), &ENDS.0(), &ENDS.1(), &mut path).unwrap());
+                planner.plan_into(&room(false), &goal(), &Se2::new(3.0, 0.1, 0.0), &mut path).unwrap();
+                outcome = Some(planner.plan_into(&room(true), &start(), &goal(), &mut path).unwrap());
             }
             (outcome, path, planner.solver().history().to_vec())
         };
@@ -144,7 +150,7 @@ fn seeds_differ() {
     let history = |seed| {
         let params = ColonyParams { iterations: 5, ..ColonyParams::aco() };
         let mut planner = AntColony::new(GridPlannerParams::default(), params, Seed(seed)).unwrap();
-        planner.plan_into(&room(true), &ENDS.0(), &ENDS.1(), &mut Path::new()).unwrap();
+        planner.plan_into(&room(true), &start(), &goal(), &mut Path::new()).unwrap();
         planner.solver().history().to_vec()
     };
     assert_ne!(history(1), history(2));
@@ -160,7 +166,7 @@ fn reasons_and_tolerances() {
         (outcome, path)
     };
     let strict = GridPlannerParams::default();
-    let (start, goal) = (ENDS.0(), ENDS.1());
+    let (start, goal) = (self::start(), self::goal());
     let wall = Se2::new(2.05, 0.55, 0.0);
     let why = |outcome| match outcome {
         Ok(PlanOutcome::NoPath { reason, .. }) => Some(reason),
@@ -189,7 +195,7 @@ fn cancelling_keeps_what_was_found() {
         asked += 1;
         asked == 3
     };
-    let outcome = planner.plan_with_cancel(&room(true), (&ENDS.0(), &ENDS.1()), &mut path, &mut cancel).unwrap();
+    let outcome = planner.plan_with_cancel(&room(true), (&start(), &goal()), &mut path, &mut cancel).unwrap();
     assert!(matches!(outcome, PlanOutcome::Found { .. }));
     assert_eq!(planner.solver().history().len(), 3);
 }
@@ -198,13 +204,13 @@ fn cancelling_keeps_what_was_found() {
 fn more_iterations_are_never_worse_and_refined_colonies_find_the_optimum() {
     let length = |params: ColonyParams| {
         let mut planner = AntColony::new(GridPlannerParams::default(), params, Seed(5)).unwrap();
-        match planner.plan_into(&room(true), &ENDS.0(), &ENDS.1(), &mut Path::new()).unwrap() {
+        match planner.plan_into(&room(true), &start(), &goal(), &mut Path::new()).unwrap() {
             PlanOutcome::Found { cost, .. } => cost,
             outcome => panic!("{outcome:?}"),
         }
     };
     let mut optimum = agv_plan::grid::Dijkstra::new(GridPlannerParams::default()).unwrap();
-    let optimum = match optimum.plan_into(&room(true), &ENDS.0(), &ENDS.1(), &mut Path::new()).unwrap() {
+    let optimum = match optimum.plan_into(&room(true), &start(), &goal(), &mut Path::new()).unwrap() {
         PlanOutcome::Found { cost, .. } => cost,
         outcome => panic!("{outcome:?}"),
     };
@@ -214,7 +220,7 @@ fn more_iterations_are_never_worse_and_refined_colonies_find_the_optimum() {
     // With patience the run ends early.
     let patient = ColonyParams { patience: 5, iterations: 1000, ..ColonyParams::refined() };
     let mut planner = AntColony::new(GridPlannerParams::default(), patient, Seed(5)).unwrap();
-    planner.plan_into(&room(true), &ENDS.0(), &ENDS.1(), &mut Path::new()).unwrap();
+    planner.plan_into(&room(true), &start(), &goal(), &mut Path::new()).unwrap();
     let run = planner.solver().run();
     assert_eq!(run.iterations, run.converged + 5);
 }

@@ -25,7 +25,10 @@ pub(super) struct Rules<'a> {
     pub(super) strides: &'a [u32; 8],
     /// Weight of every step by its pheromone, `[cell][step]`.
     pub(super) trail: &'a [[f32; 8]],
-    /// Weight of a step by what is seen, `[cell that it leads to][turn]`; none where the trail has it all.
+    /// Columns of the map.
+    pub(super) width: usize,
+    /// Weight of a step by what is seen, `[cell that it leads to][turn]`, with a row and a cell more before the first one
+    /// and after the last; none where the trail has it all.
     pub(super) sight: &'a [[f32; TURNS]],
     /// How often the best step is taken.
     pub(super) greed: f32,
@@ -115,11 +118,26 @@ impl Rules<'_> {
         ant.length = (node == self.goal).then(|| length_of(&ant.steps));
     }
 
+    /// Weights of the eight steps by what is seen; of closed steps anything finite.
+    #[inline]
+    fn seen(&self, node: u32, last: usize) -> Option<[f32; 8]> {
+        let rows = |first: usize| self.sight.get(first..first + 3);
+        let below = node as usize;
+        let [b, m, a] = [rows(below)?, rows(below + self.width)?, rows(below + 2 * self.width)?];
+        let changes = CHANGES.get(last)?;
+        let cells = [&m[2], &a[1], &m[0], &b[1], &a[2], &a[0], &b[0], &b[2]];
+        let mut weights = [0.0; 8];
+        for ((weight, cell), change) in weights.iter_mut().zip(cells).zip(changes) {
+            *weight = cell[usize::from(*change) % TURNS];
+        }
+        Some(weights)
+    }
+
     /// A step among the open ones, of which there is one at least.
     #[inline]
     fn choose<const SEES: bool>(&self, node: u32, last: usize, open: u8, stream: &mut Stream) -> usize {
         let first = open.trailing_zeros() as usize & 7;
-        if open & (open - 1) == 0 {
+        if open.is_power_of_two() {
             return first;
         }
         let Some(row) = self.trail.get(node as usize) else { return first };
@@ -129,42 +147,33 @@ impl Rules<'_> {
             *weight = trail * kept;
         }
         if SEES {
-            let changes = CHANGES.get(last).unwrap_or(&[0; 8]);
-            let mut rest = open;
-            while rest != 0 {
-                let step = rest.trailing_zeros() as usize & 7;
-                rest &= rest - 1;
-                let next = node.wrapping_add(self.strides[step]);
-                weights[step] *=
-                    self.sight.get(next as usize).map_or(0.0, |row| row[usize::from(changes[step]) % TURNS]);
+            let Some(seen) = self.seen(node, last) else { return first };
+            for (weight, seen) in weights.iter_mut().zip(seen) {
+                *weight *= seen;
             }
         }
         let draw = stream.next_u64();
         // 24 bits each: what single precision holds.
         let (fate, spin) = ((draw >> 40) as f32 * SCALE, (draw & 0xff_ffff) as f32 * SCALE);
         if fate < self.greed {
-            return best_of(&weights, first);
+            return best_of(&weights);
         }
         let sums = running_sums(&weights);
         let drawn = sums[7] * spin;
         let passed: u32 = sums.iter().map(|&sum| u32::from(sum <= drawn)).sum();
         // Rounding may pass the last one.
-        if passed < 8 { passed as usize } else { best_of(&weights, first) }
+        if passed < 8 { passed as usize } else { best_of(&weights) }
     }
 }
 
 const SCALE: f32 = 1.0 / (1 << 24) as f32;
 
-/// The first step of greatest weight.
+/// The first step of greatest weight, without a branch: which it is cannot be foretold.
 #[inline]
-fn best_of(weights: &[f32; 8], first: usize) -> usize {
-    let (mut best, mut greatest) = (first, 0.0);
-    for (step, &weight) in weights.iter().enumerate() {
-        if weight > greatest {
-            (best, greatest) = (step, weight);
-        }
-    }
-    best
+fn best_of(w: &[f32; 8]) -> usize {
+    let greatest = w[0].max(w[1]).max(w[2].max(w[3])).max(w[4].max(w[5]).max(w[6].max(w[7])));
+    let equal = w.iter().enumerate().fold(0_u32, |bits, (step, &weight)| bits | u32::from(weight == greatest) << step);
+    equal.trailing_zeros() as usize & 7
 }
 
 /// Sums up to each weight, in three rounds of additions that do not wait for one another.

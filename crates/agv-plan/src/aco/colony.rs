@@ -16,7 +16,10 @@ use crate::{
         DIAGONAL, GridPlanner, GridPlannerParams, GridSolver, GridSpace, Limits, STRAIGHT, SearchEnd, SearchResult,
     },
 };
-use agv_core::compute::{Par, Seed};
+use agv_core::{
+    compute::{Par, Seed},
+    grid::GridLayout,
+};
 
 /// Plans by an ant colony.
 pub type AntColony = GridPlanner<Colony>;
@@ -119,6 +122,7 @@ impl Colony {
         let rules = Rules {
             masks: space.masks(),
             strides,
+            width: space.layout().map_or(0, GridLayout::width),
             trail: self.trail.powers(),
             sight: self.sight.powers(),
             greed: params.greed.at(now, all) as f32,
@@ -143,23 +147,22 @@ impl Colony {
 
     /// Takes down what the ants of an iteration found, and returns its best and worst ant.
     fn take_down(&mut self, iteration: usize) -> Option<(usize, usize)> {
-        let (mut best, mut worst): (Option<(f64, usize)>, Option<(f64, usize)>) = (None, None);
+        let mut ends: Option<[(f64, usize); 2]> = None;
         let (mut sum, mut arrived) = (0.0, 0);
         for (index, ant) in self.squads.iter().flat_map(|squad| &squad.ants).enumerate() {
             self.run.steps += ant.taken;
             let Some(length) = ant.length else { continue };
             sum += length;
             arrived += 1;
-            if best.is_none_or(|(least, _)| length < least) {
-                best = Some((length, index));
-            }
-            if worst.is_none_or(|(greatest, _)| length > greatest) {
-                worst = Some((length, index));
-            }
+            let here = (length, index);
+            ends = Some(ends.map_or([here; 2], |[best, worst]| {
+                [if length < best.0 { here } else { best }, if length > worst.0 { here } else { worst }]
+            }));
         }
         self.run.sent += self.params.ants as u64;
         self.run.arrived += arrived as u64;
         self.run.iterations = iteration + 1;
+        let best = ends.map(|[best, _]| best);
         if let Some((length, index)) = best
             && self.run.length.is_none_or(|least| length < least)
         {
@@ -172,11 +175,11 @@ impl Colony {
         self.history.push(Iteration {
             best: best.map_or(infinite, |(length, _)| length),
             mean: if arrived > 0 { sum / arrived as f64 } else { infinite },
-            worst: worst.map_or(infinite, |(length, _)| length),
+            worst: ends.map_or(infinite, |[_, (length, _)]| length),
             arrived,
             best_so_far: self.run.length.unwrap_or(infinite),
         });
-        best.zip(worst).map(|((_, best), (_, worst))| (best, worst))
+        ends.map(|[(_, best), (_, worst)]| (best, worst))
     }
 
     /// Evaporation and what the ants leave.

@@ -1,6 +1,7 @@
 //! The ground under an ant: which neighbours it can still step to.
 
 use crate::grid::GridSpace;
+use agv_core::grid::GridLayout;
 
 /// Open steps of every cell that lead to where an ant has not been.
 ///
@@ -17,7 +18,7 @@ pub(super) struct Ground {
 impl Ground {
     /// Takes another map, all open.
     pub(super) fn prepare(&mut self, space: &GridSpace) {
-        self.width = space.layout().map_or(0, |layout| layout.width());
+        self.width = space.layout().map_or(0, GridLayout::width);
         self.guard = self.width + 1;
         self.open.clear();
         self.open.resize(self.guard, 0);

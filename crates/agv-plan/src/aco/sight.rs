@@ -4,7 +4,7 @@
 //! middle of its range at zero, and raised by `exp(β ln η)` once per iteration; what the middle is drops out of every choice.
 
 use crate::{Error, grid::GridSpace};
-use agv_core::check;
+use agv_core::{check, grid::GridLayout};
 
 /// How the distance to the goal in Eq. 5 is to be read; the radical is lost in print.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -85,7 +85,8 @@ impl Sight {
 /// η^β of one query, for every cell that is stepped to and every change of direction.
 #[derive(Debug, Clone, Default)]
 pub(super) struct SightTable {
-    /// ln η about the middle of its range, `[cell][turn]`; empty where η does not depend on them.
+    /// ln η about the middle of its range, `[cell][turn]`, with a row and a cell more at both ends, so that every cell has eight
+    /// around it; empty where η does not depend on them.
     logarithms: Vec<[f32; TURNS]>,
     powers: Vec<[f32; TURNS]>,
     beta: f64,
@@ -102,6 +103,8 @@ impl SightTable {
         let target = space.cell(goal);
         let costs = Sight::turn_costs().map(|c| direction * c);
         let (mut least, mut greatest) = (f64::INFINITY, f64::NEG_INFINITY);
+        let guard = space.layout().map_or(0, GridLayout::width) + 1;
+        self.logarithms.resize(guard, [0.0; TURNS]);
         for node in 0..space.len() as u32 {
             if space.mask(node) == 0 {
                 // Nobody comes here.
@@ -115,6 +118,7 @@ impl SightTable {
                 (row.iter().copied().fold(least, f64::min), row.iter().copied().fold(greatest, f64::max));
             self.logarithms.push(row.map(|v| v as f32));
         }
+        self.logarithms.resize(self.logarithms.len() + guard, [0.0; TURNS]);
         let middle = f64::midpoint(least, greatest) as f32;
         self.logarithms.as_flattened_mut().iter_mut().for_each(|v| *v -= middle);
     }
@@ -131,7 +135,7 @@ impl SightTable {
         self.powers.extend(self.logarithms.iter().map(|row| row.map(|v| limited(v).exp())));
     }
 
-    /// η^β, `[cell][turn]`; empty where it does not depend on them.
+    /// η^β, laid out as the logarithms are.
     pub(super) fn powers(&self) -> &[[f32; TURNS]] {
         &self.powers
     }

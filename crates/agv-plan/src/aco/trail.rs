@@ -5,7 +5,7 @@ use agv_core::check;
 
 /// What ants leave on their ways when all of an iteration have arrived or died.
 ///
-/// L_b, L_a and L_w are the least, mean and greatest length of the iteration's arrived ants, Q is
+/// `L_b`, `L_a` and `L_w` are the least, mean and greatest length of the iteration's arrived ants, Q is
 /// [`ColonyParams::quantity`](super::ColonyParams::quantity).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
