@@ -92,7 +92,7 @@ fn runs(c: &mut Criterion) {
         let mut swarm = Swarm::new(SparrowParams::improved(), Seed(1)).unwrap();
         if matches!(swarm.search(&case.space, case.start, case.goal, &mut Limits::none()).end, SearchEnd::Goal { .. }) {
             group.bench_function("sparrows", |b| {
-                b.iter(|| swarm.search(&case.space, case.start, case.goal, &mut Limits::none()))
+                b.iter(|| swarm.search(&case.space, case.start, case.goal, &mut Limits::none()));
             });
         }
         group.finish();

@@ -32,7 +32,9 @@ pub(crate) fn draw(set: &Set, trials: &Trials, out: &Path) -> Result<()> {
     }
     let scene =
         scene.mark("start", Color::Green, case.start.translation()).mark("goal", Color::Black, case.goal.translation());
-    scene.write(out.join(format!("{}_paths.svg", set.key)))?;
+    for kind in ["svg", "png"] {
+        scene.write(out.join(format!("{}_paths.{kind}", set.key)))?;
+    }
     let title = format!("{}, map {}: best length so far, mean over seeds", set.title, case.name);
     let mut series = TimeSeries::new(title, "iteration", "length [m]");
     for (name, color) in CURVES {
@@ -41,6 +43,8 @@ pub(crate) fn draw(set: &Set, trials: &Trials, out: &Path) -> Result<()> {
             series = series.curve(name, color, points);
         }
     }
-    series.write(out.join(format!("{}_convergence.svg", set.key)))?;
+    for kind in ["svg", "png"] {
+        series.write(out.join(format!("{}_convergence.{kind}", set.key)))?;
+    }
     Ok(())
 }
