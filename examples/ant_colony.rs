@@ -43,7 +43,7 @@ struct Args {
     #[arg(long)]
     maps: Option<PathBuf>,
     /// Runs per map and algorithm, each with a seed of its own
-    #[arg(long, default_value_t = 20, value_parser = clap::value_parser!(u64).range(1..=100_000))]
+    #[arg(long, default_value_t = 10, value_parser = clap::value_parser!(u64).range(1..=100_000))]
     seeds: u64,
     /// The options and additions, each alone, instead of the ladder
     #[arg(long)]
