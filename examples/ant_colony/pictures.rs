@@ -13,12 +13,15 @@ const PATHS: [(&str, Color); 4] = [
 ];
 const CURVES: [(&str, Color); 6] = [
     ("ACO", Color::Red),
-    ("transition", Color::Purple),
+    ("ACO, goal seen", Color::Purple),
     ("heuristic", Color::Orange),
     ("pheromone (IACO)", Color::Blue),
     ("refined", Color::Green),
     ("ISSA", Color::Grey),
 ];
+
+/// Greatest length that is drawn over the iterations, as a ratio to the shortest octile path.
+const FAR: f64 = 1.3;
 
 pub(crate) fn draw(set: &Set, trials: &Trials, out: &Path) -> Result<()> {
     let Some(case) = set.cases.first() else { return Ok(()) };
@@ -40,7 +43,8 @@ pub(crate) fn draw(set: &Set, trials: &Trials, out: &Path) -> Result<()> {
     for (name, color) in CURVES {
         if let Some(shown) = shown(name) {
             let points = shown.convergence.iter().enumerate().map(|(i, &length)| ((i + 1) as f64, length));
-            series = series.curve(name, color, points);
+            // What is far off would leave the rest no room.
+            series = series.curve(name, color, points.filter(|&(_, length)| length < FAR * case.octile));
         }
     }
     for kind in ["svg", "png"] {
