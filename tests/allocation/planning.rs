@@ -2,12 +2,14 @@
 
 use crate::{counter, scenes};
 use agv_nav::core::{
+    compute::Seed,
     geometry::Se2,
     grid::{Cell, CellState, Costmap, Inflation, InflationParams},
     path::Path,
     roles::{GlobalPlanner, PlanOutcome},
 };
 use agv_nav::plan::{
+    aco::{AntColony, ColonyParams, SparrowParams, SparrowSearch},
     grid::{
         AStar, AStarParams, Bidirectional, Components, Connectivity, DStarLite, Dijkstra, GridParams,
         GridPlannerParams, GridSpace, Jps, JpsPlus, LazyThetaStar, Potential, ThetaStar,
@@ -49,6 +51,10 @@ fn grid_planners() {
             planners.push(Box::new(JpsPlus::new(params).unwrap()));
             planners.push(Box::new(ThetaStar::new(params).unwrap()));
             planners.push(Box::new(LazyThetaStar::new(params).unwrap()));
+            let colony = ColonyParams { ants: 10, iterations: 5, ..ColonyParams::refined() };
+            planners.push(Box::new(AntColony::new(params, colony, Seed(1)).unwrap()));
+            let sparrows = SparrowParams { sparrows: 10, iterations: 5, ..SparrowParams::improved() };
+            planners.push(Box::new(SparrowSearch::new(params, sparrows, Seed(1)).unwrap()));
         }
         for mut planner in planners {
             let mut path = Path::new();

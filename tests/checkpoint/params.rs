@@ -112,6 +112,8 @@ table! {
     filters::particle::VelocityNoise,
     core::roles::StatusParams,
     ndt::convert::CloudToScanParams,
+    plan::aco::ColonyParams,
+    plan::aco::SparrowParams,
     plan::grid::AStarParams,
     plan::grid::GridPlannerParams,
     plan::smooth::KeyNodesParams,

@@ -1,5 +1,6 @@
 //! Where do I go: planners on grids and in the neighbourhood of the vehicle.
 //!
+//! - [`aco`]: ant colonies, which [`AntColony`](aco::AntColony) makes a planner of.
 //! - [`grid`]: best-first search on costmaps. [`AStar`](grid::AStar), [`Jps`](grid::Jps), [`DStarLite`](grid::DStarLite) and others play
 //!   [`GlobalPlanner`](agv_core::roles::GlobalPlanner); the parts they are made of (space, queue, heuristic, search) are
 //!   open for use on their own.
@@ -10,6 +11,7 @@
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+pub mod aco;
 mod error;
 pub mod grid;
 pub mod smooth;

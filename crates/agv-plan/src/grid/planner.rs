@@ -98,7 +98,7 @@ impl<S: GridSolver> GridPlanner<S> {
     }
 
     /// As [`with_solver`](Self::with_solver), for solvers that know lengths only.
-    pub(super) fn with_uniform_solver(
+    pub(crate) fn with_uniform_solver(
         params: GridPlannerParams,
         planner: &'static str,
         solver: S,
@@ -122,6 +122,10 @@ impl<S: GridSolver> GridPlanner<S> {
     /// What the last search knows, for pictures of what was looked at.
     pub const fn solver(&self) -> &S {
         &self.solver
+    }
+
+    pub(crate) const fn solver_mut(&mut self) -> &mut S {
+        &mut self.solver
     }
 
     /// As [`plan_into`](GlobalPlanner::plan_into), but asks `cancel` every [`Limits::CANCEL_INTERVAL`] expansions whether

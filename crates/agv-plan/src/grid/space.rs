@@ -261,7 +261,8 @@ impl GridSpace {
         &self.reverse_only
     }
 
-    pub(super) fn masks(&self) -> &[u8] {
+    /// Masks of all nodes.
+    pub(crate) fn masks(&self) -> &[u8] {
         &self.masks
     }
 
@@ -274,7 +275,7 @@ impl GridSpace {
     }
 
     /// How the node's number changes by each step, modulo 2^32.
-    pub(super) fn strides(&self) -> [u32; 8] {
+    pub(crate) fn strides(&self) -> [u32; 8] {
         let width = self.layout.map_or(0, |l| l.width() as u32);
         Step::ALL.map(|step| (step.dx() as u32).wrapping_add((step.dy() as u32).wrapping_mul(width)))
     }
