@@ -12,6 +12,7 @@
 
 mod error;
 pub mod grid;
+pub mod hybrid;
 pub mod smooth;
 
 pub use error::Error;
