@@ -252,7 +252,10 @@ fn bad_queries_are_refused() {
         assert_eq!(matches!(outcome, PlanOutcome::Found { cost: 0.0, .. }), size == 3, "{outcome:?}");
     }
     let unknown = Costmap::from_costs(Grid::filled(*map.layout(), cost::UNKNOWN));
-    assert_eq!(reason(planner.plan_into(&unknown, &good, &good, &mut path).unwrap()), Some((NoPathReason::StartBlocked, 0)));
+    assert_eq!(
+        reason(planner.plan_into(&unknown, &good, &good, &mut path).unwrap()),
+        Some((NoPathReason::StartBlocked, 0))
+    );
     let mut bold = HybridAStar::new(HybridAStarParams { unknown_is_obstacle: false, ..params() }, footprint()).unwrap();
     assert!(reason(bold.plan_into(&unknown, &good, &at(&map, 5.0, 4.0, 1.0), &mut path).unwrap()).is_none());
 }

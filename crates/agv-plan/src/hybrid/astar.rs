@@ -173,6 +173,7 @@ impl HybridAStar {
             return no_path(NoPathReason::StartBlocked, 0);
         }
         let Some(goal) = self.free_near(goal) else { return no_path(NoPathReason::GoalBlocked, 0) };
+        self.site.set_ends([*start, goal]);
         let lattice = Lattice::new(&self.params, &self.motions, &self.site, *start)?;
         let cells = lattice.cell(&start.translation()).zip(lattice.cell(&goal.translation()));
         let Some((start_cell, goal_cell)) = cells.filter(|&(a, b)| self.site.are_joined(a, b)) else {

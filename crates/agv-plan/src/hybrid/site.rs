@@ -30,7 +30,13 @@ pub(super) struct Site {
     cell: f64,
     unknown_is_obstacle: bool,
     seen: Option<Revision>,
+    /// Start and goal of the query.
+    ends: [Se2; 2],
 }
+
+/// How near things may be that count as touched, in cells: on the way, and near start and goal.
+const USUAL: f64 = 0.25;
+const CLOSE: f64 = 1.0 / 32.0;
 
 impl Site {
     pub(super) fn new(
@@ -61,6 +67,7 @@ impl Site {
             cell,
             unknown_is_obstacle,
             seen: None,
+            ends: [Se2::default(); 2],
         })
     }
 
@@ -157,10 +164,22 @@ impl Site {
     }
 
     /// Whether the vehicle can drive `length` metres at a twist of 1 m/s. Touches nothing if so, however thin.
+    ///
+    /// What it passes within a quarter of a cell counts as touched, but not near the ends of the query: there the vehicle
+    /// stands as close to things as it was asked to.
     pub(super) fn is_free_along(&self, pose: &Se2, twist: &Twist2, length: f64) -> bool {
-        let barred = self.barred.as_ref().map(|barred| barred.collides_along(&self.point, pose, twist, length));
-        barred.is_none_or(|hit| hit == Ok(false))
-            && self.lethal.collides_along(&self.footprint, pose, twist, length) == Ok(false)
+        let reach = self.footprint.circumscribed_radius() + length;
+        let is_near = |end: &Se2| (pose.translation() - end.translation()).norm() < reach;
+        let margin = if self.ends.iter().any(is_near) { CLOSE } else { USUAL };
+        let passes = |obstacles: &ObstacleMap, footprint: &Footprint| {
+            obstacles.collides_along_within(footprint, pose, twist, length, margin) == Ok(false)
+        };
+        self.barred.as_ref().is_none_or(|barred| passes(barred, &self.point)) && passes(&self.lethal, &self.footprint)
+    }
+
+    /// Sets the ends of a query.
+    pub(super) const fn set_ends(&mut self, ends: [Se2; 2]) {
+        self.ends = ends;
     }
 
     /// Cost of the base's cell, from 0 to 1.
