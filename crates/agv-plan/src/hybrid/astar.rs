@@ -271,7 +271,7 @@ impl HybridAStar {
                 let from = lattice.pose(&at.link);
                 let before = lattice.motion(&at.link).map(|motion| motion.twist);
                 let limit = search.shot.map_or(f64::INFINITY, |shot| shot.cost);
-                let radii = f64::from(estimate) / UNIT / params.turning_radius;
+                let radii = f64::from(estimate) / (UNIT * params.heuristic_weight * params.turning_radius);
                 let so_far = (&from, f64::from(at.cost) / UNIT, before);
                 if let Some((curve, cost)) = shooter.shoot(&lattice, site, curves, so_far, goal, (limit, radii < NEAR))
                 {

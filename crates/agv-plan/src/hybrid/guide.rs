@@ -90,6 +90,7 @@ pub(super) struct Guide<'a> {
     goal_heading: f64,
     /// Cost of a turn by one heading.
     per_heading: f64,
+    weight: f64,
 }
 
 impl<'a> Guide<'a> {
@@ -97,7 +98,7 @@ impl<'a> Guide<'a> {
         let params = lattice.params();
         let per_heading = UNIT * params.turning_radius * TAU / f64::from(params.headings);
         let goal_heading = goal.yaw() / TAU * f64::from(params.headings);
-        Self { potential, table, lattice, goal_from_map: goal.inverse(), goal_heading, per_heading }
+        Self { potential, table, lattice, goal_from_map: goal.inverse(), goal_heading, per_heading, weight: params.heuristic_weight }
     }
 }
 
@@ -112,6 +113,7 @@ impl Heuristic for Guide<'_> {
         let curve = self.table.cost(point.x, point.y, turn);
         // Less half a heading at either end, which the lattice rounds away.
         let turning = (f64::from(turn.min(headings as i32 - turn) - 1) * self.per_heading).max(0.0) as u32;
-        self.potential.bound(cell).max(curve).max(turning)
+        let bound = self.potential.bound(cell).max(curve).max(turning);
+        (f64::from(bound) * self.weight) as u32
     }
 }

@@ -47,7 +47,10 @@ pub struct HybridAStarParams {
     pub goal_tolerance: f64,
     /// How much the heading may differ there, in radians.
     pub goal_heading_tolerance: f64,
-    /// A path is taken when no other can be cheaper by more than this share, as far as the heuristic knows.
+    /// By how much the search trusts its estimate of what is left to go, at least 1: the larger, the sooner it finds a path, and
+    /// the dearer that may be before it is shortened.
+    pub heuristic_weight: f64,
+    /// A path is taken when no other can be cheaper by more than this share, as far as the weighted heuristic knows.
     pub slack: f64,
     /// Most expansions that are spent on a cheaper path after the first was found.
     pub refinement: u64,
@@ -77,8 +80,9 @@ impl Default for HybridAStarParams {
             spacing: 0.05,
             goal_tolerance: 0.0,
             goal_heading_tolerance: 0.0,
+            heuristic_weight: 1.5,
             slack: 0.05,
-            refinement: 2000,
+            refinement: 200,
             shorten: true,
             max_expansions: 500_000,
         }
@@ -136,6 +140,7 @@ impl HybridAStarParams {
         check::in_range("spacing", self.spacing, 1e-3, f64::MAX)?;
         check::in_range("goal_tolerance", self.goal_tolerance, 0.0, 100.0)?;
         check::in_range("goal_heading_tolerance", self.goal_heading_tolerance, 0.0, std::f64::consts::PI)?;
+        check::in_range("heuristic_weight", self.heuristic_weight, 1.0, 100.0)?;
         check::non_negative("slack", self.slack)?;
         Ok(())
     }
@@ -183,6 +188,7 @@ mod tests {
             ("spacing", HybridAStarParams { spacing: 0.0, ..good }),
             ("goal_tolerance", HybridAStarParams { goal_tolerance: -1.0, ..good }),
             ("goal_heading_tolerance", HybridAStarParams { goal_heading_tolerance: 4.0, ..good }),
+            ("heuristic_weight", HybridAStarParams { heuristic_weight: 0.5, ..good }),
             ("slack", HybridAStarParams { slack: f64::NAN, ..good }),
         ] {
             let error = params.validate().unwrap_err().to_string();

@@ -66,7 +66,7 @@ pub(super) struct Shooter {
 }
 
 /// Words that are tried where the cheapest is blocked.
-const TRIED: usize = 8;
+const TRIED: usize = 4;
 
 impl Shooter {
     /// A free curve from a pose to the goal that makes the whole way cheaper than `limit` metres. Where `all_words`, others

@@ -36,7 +36,13 @@ pub(super) struct Site {
 
 /// How near things may be that count as touched, in cells: on the way, and near start and goal.
 const USUAL: f64 = 0.25;
-const CLOSE: f64 = 1.0 / 32.0;
+const CLOSE: f64 = 1.0 / 16.0;
+
+/// What is near start and goal, in metres.
+const NEAR_END: f64 = 1.0;
+
+/// Distance of the poses that are looked at first, in metres.
+const LOOK: f64 = 0.3;
 
 impl Site {
     pub(super) fn new(
@@ -168,13 +174,19 @@ impl Site {
     /// What it passes within a quarter of a cell counts as touched, but not near the ends of the query: there the vehicle
     /// stands as close to things as it was asked to.
     pub(super) fn is_free_along(&self, pose: &Se2, twist: &Twist2, length: f64) -> bool {
-        let reach = self.footprint.circumscribed_radius() + length;
-        let is_near = |end: &Se2| (pose.translation() - end.translation()).norm() < reach;
-        let margin = if self.ends.iter().any(is_near) { CLOSE } else { USUAL };
-        let passes = |obstacles: &ObstacleMap, footprint: &Footprint| {
-            obstacles.collides_along_within(footprint, pose, twist, length, margin) == Ok(false)
+        // Most motions that touch something do so at their end, or at one of a few poses on the way.
+        let looks = (length / LOOK).ceil().max(1.0);
+        if (1..=looks as u32).rev().any(|i| !self.is_free(&(*pose * twist.integrate(length * f64::from(i) / looks)))) {
+            return false;
+        }
+        let passes = |margin: f64| {
+            let passes = |obstacles: &ObstacleMap, footprint: &Footprint| {
+                obstacles.collides_along_within(footprint, pose, twist, length, margin) == Ok(false)
+            };
+            self.barred.as_ref().is_none_or(|barred| passes(barred, &self.point)) && passes(&self.lethal, &self.footprint)
         };
-        self.barred.as_ref().is_none_or(|barred| passes(barred, &self.point)) && passes(&self.lethal, &self.footprint)
+        let is_near = |end: &Se2| (pose.translation() - end.translation()).norm() < NEAR_END + length;
+        passes(USUAL) || (self.ends.iter().any(is_near) && passes(CLOSE))
     }
 
     /// Sets the ends of a query.
