@@ -107,7 +107,7 @@ struct Search {
 }
 
 impl HybridAStar {
-    /// A planner for a vehicle: tabulates its curves, some tens of milliseconds.
+    /// A planner for a vehicle: tabulates its curves, which takes about 0.1 s.
     ///
     /// # Errors
     /// A parameter out of its range.

@@ -62,7 +62,7 @@ pub struct HybridAStarParams {
 
 impl Default for HybridAStarParams {
     /// The tugger of [`AckermannParams`] (1.7 m turning radius), reversing at the double price as in Nav2's Smac planner, half
-    /// a metre for a cusp; motions of a quarter of the radius, and 72 headings as there.
+    /// a metre for a cusp; motions of a third of the radius, and 72 headings as there.
     fn default() -> Self {
         Self {
             turning_radius: 1.2 / 35_f64.to_radians().tan(),
@@ -73,8 +73,8 @@ impl Default for HybridAStarParams {
             steering_change: 0.05,
             cost_weight: 0.0,
             unknown_is_obstacle: true,
-            step: 0.4,
-            cell: 0.2,
+            step: 0.6,
+            cell: 0.3,
             headings: 72,
             curvatures: 1,
             spacing: 0.05,
@@ -96,7 +96,7 @@ impl HybridAStarParams {
     /// A radius that is not finite and positive.
     pub fn for_turning_radius(radius: f64) -> Result<Self, Error> {
         check::positive("turning_radius", radius)?;
-        let step = (0.25 * radius).clamp(0.1, 1.0);
+        let step = (0.35 * radius).clamp(0.1, 1.5);
         Ok(Self { turning_radius: radius, step, cell: 0.5 * step, ..Self::default() })
     }
 
@@ -180,7 +180,7 @@ mod tests {
             ("steering_change", HybridAStarParams { steering_change: f64::INFINITY, ..good }),
             ("cost_weight", HybridAStarParams { cost_weight: -1.0, ..good }),
             ("cell", HybridAStarParams { cell: 0.0, ..good }),
-            ("step", HybridAStarParams { step: 0.2, ..good }),
+            ("step", HybridAStarParams { step: 0.4, ..good }),
             ("step", HybridAStarParams { step: 1e9, ..good }),
             ("step", HybridAStarParams { step: f64::NAN, ..good }),
             ("headings", HybridAStarParams { headings: 0, ..good }),
