@@ -182,7 +182,15 @@ impl HybridAStar {
         self.potential.begin(&self.site, goal_cell, map_changed);
         self.potential.reach(&self.site, start_cell);
 
-        let search = self.search(*start, &goal, &mut Limits { budget: self.params.max_expansions, cancel })?;
+        let mut limits = Limits { budget: self.params.max_expansions, cancel };
+        let mut search = self.search(*start, &goal, false, &mut limits)?;
+        if search.shot.is_none() && search.end == SearchEnd::Exhausted {
+            // The whole motions may be too long for a tight place: once more, with shorter ones.
+            let before = search.expansions;
+            limits.budget = limits.budget.saturating_sub(before);
+            search = self.search(*start, &goal, true, &mut limits)?;
+            search.expansions += before;
+        }
         let lattice = Lattice::new(&self.params, &self.motions, &self.site, *start)?;
         let reason = match (search.shot, search.end) {
             (Some(_), _) => None,
@@ -240,9 +248,9 @@ impl HybridAStar {
         free
     }
 
-    fn search(&mut self, start: Se2, goal: &Se2, limits: &mut Limits<'_>) -> Result<Search, PlanError> {
+    fn search(&mut self, start: Se2, goal: &Se2, fine: bool, limits: &mut Limits<'_>) -> Result<Search, PlanError> {
         let Self { params, motions, table, curves, site, potential, workspace, shooter, .. } = self;
-        let lattice = Lattice::new(params, motions, site, start)?;
+        let lattice = Lattice::new(params, motions, site, start)?.with_fine(fine);
         let start_node = lattice.node(&start).unwrap_or(u32::MAX);
         let mut search = Search { shot: None, nearest: start_node, expansions: 0, end: SearchEnd::Exhausted };
         let (mut nearest, mut pause, mut next_shot) = (u32::MAX, limits.next_pause(0), 0);
@@ -313,7 +321,7 @@ fn legs_into(
     let arrivals = || way.iter().filter_map(|&node| workspace.link(node));
     for (from, to) in arrivals().zip(arrivals().skip(1)) {
         if let Some(motion) = lattice.motion(&to) {
-            legs.push(Leg { start: lattice.pose(&from), twist: motion.twist, length: lattice.params().step });
+            legs.push(Leg { start: lattice.pose(&from), twist: motion.twist, length: motion.length });
         }
     }
 }

@@ -98,7 +98,15 @@ impl<'a> Guide<'a> {
         let params = lattice.params();
         let per_heading = UNIT * params.turning_radius * TAU / f64::from(params.headings);
         let goal_heading = goal.yaw() / TAU * f64::from(params.headings);
-        Self { potential, table, lattice, goal_from_map: goal.inverse(), goal_heading, per_heading, weight: params.heuristic_weight }
+        Self {
+            potential,
+            table,
+            lattice,
+            goal_from_map: goal.inverse(),
+            goal_heading,
+            per_heading,
+            weight: params.heuristic_weight,
+        }
     }
 }
 

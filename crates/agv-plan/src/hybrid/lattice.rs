@@ -5,7 +5,7 @@
 
 use super::{
     UNIT,
-    motion::{Leg, Motion, Wheels},
+    motion::{LENGTHS, Leg, Motion, Wheels},
     params::HybridAStarParams,
     site::Site,
 };
@@ -46,8 +46,9 @@ pub(super) struct Lattice<'a> {
     width: usize,
     height: usize,
     block: f64,
-    /// Angle of the grid in the map.
     nodes: usize,
+    /// Whether shorter motions are tried near start and goal where the whole ones are blocked.
+    fine: bool,
 }
 
 impl<'a> Lattice<'a> {
@@ -67,7 +68,13 @@ impl<'a> Lattice<'a> {
         if nodes >= max {
             return Err(Error::TooMany { name: "cells and headings", len: nodes, max });
         }
-        Ok(Self { params, motions, site, start, width, height, block: block as f64, nodes })
+        Ok(Self { params, motions, site, start, width, height, block: block as f64, nodes, fine: false })
+    }
+
+    /// The same lattice, with shorter motions near start and goal.
+    pub(super) const fn with_fine(mut self, fine: bool) -> Self {
+        self.fine = fine;
+        self
     }
 
     pub(super) const fn params(&self) -> &HybridAStarParams {
@@ -162,26 +169,33 @@ impl SearchSpace for Lattice<'_> {
     fn expand(&self, at: Reached<Arrival>, frontier: &mut impl Frontier<Arrival>) {
         let pose = self.pose(&at.link);
         let before = self.motion(&at.link);
-        for (number, motion) in self.motions.iter().enumerate() {
-            let end = pose * motion.end;
-            let Some(node) = self.node(&end) else { continue };
-            if !self.site.coarse().is_passable(node / u32::from(self.params.headings)) {
-                continue;
-            }
-            let mut cost = self.params.step * self.price(&motion.twist, &(pose * motion.middle), &end);
-            if let Some(before) = before {
-                cost += if before.gear == motion.gear { 0.0 } else { self.params.gear_change };
-                cost += self.params.steering_change * before.wheels.change(&motion.wheels, self.params.turning_radius);
-            }
-            let cost = at.cost.saturating_add((cost * UNIT).round() as u32);
-            // What is known to be useless is not checked for collisions.
-            let is_useless = |known: Known<Arrival>| known.link.closed || known.cost <= cost;
-            if frontier.known(node).is_some_and(is_useless) {
-                continue;
-            }
-            if self.site.is_free_along(&pose, &motion.twist, self.params.step) {
-                let link = Arrival { pose: end, parent: at.node, motion: number as u8, closed: false };
-                frontier.reach(node, cost, link);
+        // Out of a tight place, and into one, the shorter motions; elsewhere they cost more than they find.
+        let tried =
+            if self.fine && self.site.is_near_end(&pose, self.params.turning_radius) { LENGTHS.len() } else { 1 };
+        for (kind, lengths) in self.motions.chunks_exact(LENGTHS.len()).enumerate() {
+            for (number, motion) in lengths.iter().enumerate().take(tried) {
+                let end = pose * motion.end;
+                let Some(node) = self.node(&end) else { continue };
+                if !self.site.coarse().is_passable(node / u32::from(self.params.headings)) {
+                    continue;
+                }
+                let mut cost = motion.length * self.price(&motion.twist, &(pose * motion.middle), &end);
+                if let Some(before) = before {
+                    cost += if before.gear == motion.gear { 0.0 } else { self.params.gear_change };
+                    cost +=
+                        self.params.steering_change * before.wheels.change(&motion.wheels, self.params.turning_radius);
+                }
+                let cost = at.cost.saturating_add((cost * UNIT).round() as u32);
+                // What is known to be useless is not checked for collisions.
+                let is_useless = |known: Known<Arrival>| known.link.closed || known.cost <= cost;
+                if frontier.known(node).is_some_and(is_useless) {
+                    break;
+                }
+                if self.site.is_free_along(&pose, &motion.twist, motion.length) {
+                    let number = (LENGTHS.len() * kind + number) as u8;
+                    frontier.reach(node, cost, Arrival { pose: end, parent: at.node, motion: number, closed: false });
+                    break;
+                }
             }
         }
     }

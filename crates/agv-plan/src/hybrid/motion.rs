@@ -56,6 +56,8 @@ impl Wheels {
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Motion {
     pub(super) twist: Twist2,
+    /// In metres.
+    pub(super) length: f64,
     pub(super) gear: Gear,
     pub(super) wheels: Wheels,
     /// The end and the middle, seen from the start.
@@ -63,7 +65,10 @@ pub(super) struct Motion {
     pub(super) middle: Se2,
 }
 
-/// All motions of a vehicle, forwards first and the straight one before the turns.
+/// Lengths of a motion, as shares of the step: the shorter ones are for places where the longer are blocked.
+pub(super) const LENGTHS: [f64; 3] = [1.0, 0.5, 0.25];
+
+/// All motions of a vehicle, forwards first and the straight one before the turns; each in all [`LENGTHS`].
 pub(super) fn motions(params: &HybridAStarParams) -> Vec<Motion> {
     let mut motions = Vec::new();
     let n = i32::from(params.curvatures);
@@ -72,8 +77,10 @@ pub(super) fn motions(params: &HybridAStarParams) -> Vec<Motion> {
     let directions = if params.may_reverse { &[1.0, -1.0][..] } else { &[1.0][..] };
     for &direction in directions {
         let mut add = |twist: Twist2| {
-            let (end, middle) = (twist.integrate(params.step), twist.integrate(0.5 * params.step));
-            motions.push(Motion { twist, gear: gear_of(&twist), wheels: Wheels::of(&twist), end, middle });
+            for length in LENGTHS.map(|share| share * params.step) {
+                let (end, middle) = (twist.integrate(length), twist.integrate(0.5 * length));
+                motions.push(Motion { twist, length, gear: gear_of(&twist), wheels: Wheels::of(&twist), end, middle });
+            }
         };
         for curvature in curvatures.clone() {
             let curvature = f64::from(curvature) / f64::from(n) / params.turning_radius;

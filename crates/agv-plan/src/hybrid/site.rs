@@ -183,10 +183,15 @@ impl Site {
             let passes = |obstacles: &ObstacleMap, footprint: &Footprint| {
                 obstacles.collides_along_within(footprint, pose, twist, length, margin) == Ok(false)
             };
-            self.barred.as_ref().is_none_or(|barred| passes(barred, &self.point)) && passes(&self.lethal, &self.footprint)
+            self.barred.as_ref().is_none_or(|barred| passes(barred, &self.point))
+                && passes(&self.lethal, &self.footprint)
         };
-        let is_near = |end: &Se2| (pose.translation() - end.translation()).norm() < NEAR_END + length;
-        passes(USUAL) || (self.ends.iter().any(is_near) && passes(CLOSE))
+        passes(USUAL) || (self.is_near_end(pose, NEAR_END + length) && passes(CLOSE))
+    }
+
+    /// Whether a pose is nearer than `reach` metres to the start or the goal.
+    pub(super) fn is_near_end(&self, pose: &Se2, reach: f64) -> bool {
+        self.ends.iter().any(|end| (pose.translation() - end.translation()).norm() < reach)
     }
 
     /// Sets the ends of a query.
