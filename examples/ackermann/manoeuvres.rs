@@ -53,7 +53,7 @@ fn all(rear: f64) -> Result<[Manoeuvre; 3]> {
             title: "Parking between two pallets",
             map: parking,
             query: (
-                Se2::new(1.2, 1.5, 0.0),
+                Se2::new(0.8 - rear, 1.5, 0.0),
                 Se2::new(4.5 + 0.5 * (slot - LENGTH) - rear, 2.9 + 0.5 * WIDTH + 0.2, 0.0),
             ),
         },
@@ -89,7 +89,7 @@ pub(crate) fn run(args: &Args, out: &std::path::Path, report: &mut Report) -> Re
         }
         report.count(&key("cusps"), verdict.cusps).count(&key("collisions"), verdict.collisions + verdict.faults);
         let run = Run { query, path, outcome, verdict, ratio: f64::NAN };
-        pictures::draw(title, &map, &footprint, [&run], 700)?.write(out.join(format!("{name}.svg")))?;
+        pictures::draw(title, &map, &footprint, [&run], (700, 0.8))?.write(out.join(format!("{name}.svg")))?;
     }
     Ok(())
 }

@@ -20,17 +20,18 @@ const DRAWN: usize = 6;
 
 pub(crate) fn write(out: &Path, site: &Site, all: &Runs) -> Result<()> {
     let drawn = all.runs.iter().filter(|run| matches!(run.outcome, PlanOutcome::Found { .. })).take(DRAWN);
-    draw("Paths of a vehicle that steers", &site.map, &all.footprint, drawn, 1200)?.write(out.join("paths.svg"))?;
+    draw("Paths of a vehicle that steers", &site.map, &all.footprint, drawn, (1200, 3.0))?
+        .write(out.join("paths.svg"))?;
     Ok(())
 }
 
-/// A scene of some paths.
+/// A scene of some paths, `width` pixels wide, with an outline `every` so many metres.
 pub(crate) fn draw<'a>(
     title: &str,
     map: &Grid<CellState>,
     footprint: &Footprint,
     runs: impl IntoIterator<Item = &'a Run>,
-    width: u32,
+    (width, every): (u32, f64),
 ) -> Result<Scene> {
     let mut scene = Scene::new(title).width(width).map(map);
     // A name appears once in the legend.
@@ -42,11 +43,11 @@ pub(crate) fn draw<'a>(
     };
     for run in runs {
         let points = run.path.points();
-        // Every 0.8 m and at each cusp, thinly.
+        // Outlines every so many metres and at each cusp.
         let mut since = f64::INFINITY;
         for (i, pair) in points.windows(2).enumerate() {
             let cusp = pair[0].gear != pair[1].gear;
-            if since > 0.8 || cusp {
+            if since > every || cusp {
                 since = 0.0;
                 scene = scene.line("", Color::Grey, outline(footprint, &pair[0].pose));
             }
