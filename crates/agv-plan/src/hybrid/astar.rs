@@ -168,7 +168,7 @@ impl HybridAStar {
             return Err(PlanError::GoalOutside { x: goal.x(), y: goal.y() });
         }
         let no_path = |reason, expansions| Ok(PlanOutcome::NoPath { reason, expansions });
-        let map_changed = self.site.update(costmap).map_err(into_core)?;
+        let map_changed = self.site.update(costmap).map_err(|error| into_core(&error))?;
         if !self.site.is_free(start) {
             return no_path(NoPathReason::StartBlocked, 0);
         }
@@ -300,9 +300,9 @@ impl HybridAStar {
 /// Turning radii from the goal within which every expansion tries a curve, and other words than the cheapest.
 const NEAR: f64 = 4.0;
 
-fn into_core(error: Error) -> PlanError {
+fn into_core(error: &Error) -> PlanError {
     match error {
-        Error::Core(core) => core.into(),
+        Error::Core(core) => (*core).into(),
         // The parts that are used report nothing else.
         _ => PlanError::Invalid(agv_core::Error::NotFinite { name: "costmap", value: f64::NAN }),
     }

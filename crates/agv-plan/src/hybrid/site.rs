@@ -99,13 +99,13 @@ impl Site {
             cost::UNKNOWN => CellState::Unknown,
             _ => CellState::Free,
         };
-        refill(&mut self.states, &layout, costmap.costs().iter().map(|&value| state(value)))?;
-        refill(&mut self.costs, &layout, costmap.costs().iter().copied())?;
+        refill(&mut self.states, &layout, costmap.costs().iter().map(|&value| state(value)));
+        refill(&mut self.costs, &layout, costmap.costs().iter().copied());
         self.lethal.set_map(&self.states)?;
         // Cells of the inscribed circle follow from the lethal ones only if they were made for this footprint.
         if costmap.costs().contains(&cost::INSCRIBED) || self.footprint.inscribed_radius() == 0.0 {
             let barred = |value: u8| if value == cost::INSCRIBED { CellState::Occupied } else { state(value) };
-            refill(&mut self.states, &layout, costmap.costs().iter().map(|&value| barred(value)))?;
+            refill(&mut self.states, &layout, costmap.costs().iter().map(|&value| barred(value)));
             match &mut self.barred {
                 Some(barred) => barred.set_map(&self.states)?,
                 None => self.barred = Some(ObstacleMap::new(&self.states, *self.lethal.params(), None)?),
@@ -210,16 +210,11 @@ impl Site {
 }
 
 /// Fills a grid anew; its memory is used again.
-fn refill<T: Copy + Default>(
-    grid: &mut Grid<T>,
-    layout: &GridLayout,
-    values: impl Iterator<Item = T>,
-) -> Result<(), Error> {
+fn refill<T: Copy + Default>(grid: &mut Grid<T>, layout: &GridLayout, values: impl Iterator<Item = T>) {
     if grid.layout() != layout {
         *grid = Grid::filled(*layout, T::default());
     }
     for (slot, value) in grid.values_mut().iter_mut().zip(values) {
         *slot = value;
     }
-    Ok(())
 }
