@@ -13,7 +13,7 @@ use std::f64::consts::{PI, TAU};
 
 /// Shortest curves of a vehicle that only drives forwards.
 ///
-/// Allocates nothing; about a hundred nanoseconds a curve. The length is not continuous: to end a hair behind the start takes a
+/// Allocates nothing; about a quarter of a microsecond a curve. The length is not continuous: to end a hair behind the start takes a
 /// full circle. Poses within a billionth of the radius, and of a radian, of each other count as one.
 ///
 /// ```
