@@ -89,7 +89,7 @@ pub(crate) fn run(args: &Args, out: &std::path::Path, report: &mut Report) -> Re
         }
         report.count(&key("cusps"), verdict.cusps).count(&key("collisions"), verdict.collisions + verdict.faults);
         let run = Run { query, path, outcome, verdict, ratio: f64::NAN };
-        pictures::draw(title, &map, &footprint, [&run], (700, 0.8))?.write(out.join(format!("{name}.svg")))?;
+        pictures::draw(title, &map, &footprint, [&run], (700, 0.8)).write(out.join(format!("{name}.svg")))?;
     }
     Ok(())
 }

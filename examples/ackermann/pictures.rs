@@ -19,8 +19,8 @@ use std::path::Path;
 const DRAWN: usize = 6;
 
 pub(crate) fn write(out: &Path, site: &Site, all: &Runs) -> Result<()> {
-    let drawn = all.runs.iter().filter(|run| matches!(run.outcome, PlanOutcome::Found { .. })).take(DRAWN);
-    draw("Paths of a vehicle that steers", &site.map, &all.footprint, drawn, (1200, 3.0))?
+    let drawn = all.answers.iter().filter(|run| matches!(run.outcome, PlanOutcome::Found { .. })).take(DRAWN);
+    draw("Paths of a vehicle that steers", &site.map, &all.footprint, drawn, (1200, 3.0))
         .write(out.join("paths.svg"))?;
     Ok(())
 }
@@ -32,7 +32,7 @@ pub(crate) fn draw<'a>(
     footprint: &Footprint,
     runs: impl IntoIterator<Item = &'a Run>,
     (width, every): (u32, f64),
-) -> Result<Scene> {
+) -> Scene {
     let mut scene = Scene::new(title).width(width).map(map);
     // A name appears once in the legend.
     let mut named = Vec::new();
@@ -77,7 +77,7 @@ pub(crate) fn draw<'a>(
         scene = scene.mark(once("start"), Color::Green, run.query.0.translation());
         scene = scene.mark(once("goal"), Color::Orange, run.query.1.translation());
     }
-    Ok(scene)
+    scene
 }
 
 fn outline(footprint: &Footprint, pose: &Se2) -> Vec<Vector2<f64>> {

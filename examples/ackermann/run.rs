@@ -29,7 +29,7 @@ pub(crate) struct Run {
 }
 
 pub(crate) struct Runs {
-    pub(crate) runs: Vec<Run>,
+    pub(crate) answers: Vec<Run>,
     pub(crate) timings: Timings,
     pub(crate) footprint: Footprint,
     radius: f64,
@@ -53,7 +53,7 @@ pub(crate) fn queries(args: &Args, site: &Site) -> Result<Runs> {
             if matches!(outcome, PlanOutcome::Found { .. }) && least > 0.0 { path.length() / least } else { f64::NAN };
         runs.push(Run { query, path, outcome, verdict, ratio });
     }
-    Ok(Runs { runs, timings, footprint, radius: params.turning_radius })
+    Ok(Runs { answers: runs, timings, footprint, radius: params.turning_radius })
 }
 
 /// No path is shorter: neither than the curve without obstacles, nor than the way of a circle around them.
@@ -90,7 +90,7 @@ impl Bound {
 }
 
 pub(crate) fn report(all: &Runs, report: &mut Report) {
-    let runs = &all.runs;
+    let runs = &all.answers;
     let unsolved = |wanted: NoPathReason| {
         let is = |run: &&Run| matches!(run.outcome, PlanOutcome::NoPath { reason, .. } if reason == wanted);
         runs.iter().filter(is).count()
