@@ -4,6 +4,8 @@
 //! - [`grid`]: best-first search on costmaps. [`AStar`](grid::AStar), [`Jps`](grid::Jps), [`DStarLite`](grid::DStarLite) and others play
 //!   [`GlobalPlanner`](agv_core::roles::GlobalPlanner); the parts they are made of (space, queue, heuristic, search) are
 //!   open for use on their own.
+//! - [`hybrid`]: [`HybridAStar`](hybrid::HybridAStar) for vehicles with a turning circle, which plays `GlobalPlanner` too, and
+//!   the curves of Dubins and of Reeds and Shepp.
 //! - [`smooth`]: what turns a path of cells into one that a vehicle likes to follow.
 //!
 //! Features: `rayon` (parallel loops, on by default) and `serde` (parameters round-trip).
@@ -14,6 +16,7 @@
 pub mod aco;
 mod error;
 pub mod grid;
+pub mod hybrid;
 pub mod smooth;
 
 pub use error::Error;

@@ -1,6 +1,6 @@
 //! The vehicle's outline on the floor, and the cells that it touches.
 
-use super::GridLayout;
+use super::{GridLayout, cover::Cover};
 use crate::{
     Error, check,
     geometry::{
@@ -27,6 +27,7 @@ pub struct Footprint {
     convex: bool,
     inscribed: f64,
     circumscribed: f64,
+    cover: Cover,
 }
 
 /// As it is stored.
@@ -71,12 +72,18 @@ impl Footprint {
     /// A radius that is not finite and positive.
     pub fn circle(radius: f64) -> Result<Self, Error> {
         check::positive("radius", radius)?;
-        Ok(Self { shape: Shape::Circle(radius), convex: true, inscribed: radius, circumscribed: radius })
+        Ok(Self {
+            shape: Shape::Circle(radius),
+            convex: true,
+            inscribed: radius,
+            circumscribed: radius,
+            cover: Cover::NONE,
+        })
     }
 
     /// A point at the origin of the base frame, for costmaps that are inflated for the vehicle already.
     pub const fn point() -> Self {
-        Self { shape: Shape::Point, convex: true, inscribed: 0.0, circumscribed: 0.0 }
+        Self { shape: Shape::Point, convex: true, inscribed: 0.0, circumscribed: 0.0, cover: Cover::NONE }
     }
 
     /// Two circles on the x axis, `front` metres ahead of the origin and `rear` metres ahead of it (negative behind), as
@@ -93,7 +100,8 @@ impl Footprint {
         let circles = [(front, front_radius), (rear, rear_radius)];
         let inscribed = circles.iter().map(|(x, r)| r - x.abs()).fold(0.0, f64::max);
         let circumscribed = circles.iter().map(|(x, r)| r + x.abs()).fold(0.0, f64::max);
-        Ok(Self { shape: Shape::TwoCircles(circles), convex: false, inscribed, circumscribed })
+        let cover = Cover::of_two_circles(circles);
+        Ok(Self { shape: Shape::TwoCircles(circles), convex: false, inscribed, circumscribed, cover })
     }
 
     /// A segment between two points of the base frame, in metres: a vehicle without width, for maps that are inflated by half of
@@ -105,7 +113,8 @@ impl Footprint {
         check::all_finite("ends", from.iter().chain(&to))?;
         check::positive("length", (to - from).norm())?;
         let circumscribed = from.norm().max(to.norm());
-        Ok(Self { shape: Shape::Segment([from, to]), convex: true, inscribed: 0.0, circumscribed })
+        let cover = Cover::of_segment([from, to]);
+        Ok(Self { shape: Shape::Segment([from, to]), convex: true, inscribed: 0.0, circumscribed, cover })
     }
 
     /// A rectangle from `rear` to `front` along x and of `width`, in metres; `rear` is negative behind the origin.
@@ -154,7 +163,8 @@ impl Footprint {
         let to_edge = edges(&vertices).map(|(a, b)| distance_to_segment(Vector2::zeros(), a, b));
         let nearest = to_edge.fold(f64::INFINITY, f64::min);
         let inscribed = if holds(&vertices, Vector2::zeros()) { nearest } else { 0.0 };
-        Ok(Self { shape: Shape::Polygon(vertices), convex, inscribed, circumscribed })
+        let cover = Cover::of_polygon(&vertices);
+        Ok(Self { shape: Shape::Polygon(vertices), convex, inscribed, circumscribed, cover })
     }
 
     /// Radius of the greatest circle around the base frame's origin that lies inside, in metres; zero if the origin
@@ -177,6 +187,11 @@ impl Footprint {
             Shape::Segment(_) | Shape::Polygon(_) => [None, None],
         };
         circles.into_iter().flatten()
+    }
+
+    /// Circles that cover it: centres in the base frame and radii, in metres. None for a circle around the origin.
+    pub(super) fn cover(&self) -> &[(Vector2<f64>, f64)] {
+        self.cover.circles()
     }
 
     /// The vertices of a polygon in the base frame, counter-clockwise, or the ends of a segment; none for circles.
@@ -292,7 +307,7 @@ fn any_run_of_polygon(
 
 /// Extent along x of the part of an edge in a strip of y; none if it has none.
 #[inline]
-fn clip(a: Vector2<f64>, b: Vector2<f64>, (low, high): (f64, f64)) -> Option<(f64, f64)> {
+pub(super) fn clip(a: Vector2<f64>, b: Vector2<f64>, (low, high): (f64, f64)) -> Option<(f64, f64)> {
     let (below, above) = if a.y <= b.y { (a, b) } else { (b, a) };
     if above.y < low || below.y > high {
         return None;

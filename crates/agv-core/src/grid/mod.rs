@@ -6,6 +6,7 @@ mod cells;
 mod collision;
 mod components;
 mod costmap;
+mod cover;
 mod distance;
 mod evidence;
 mod footprint;

@@ -118,12 +118,18 @@ proptest! {
     fn motions_agree_with_many_poses(
         map in any_map(), footprint in any_footprint(), x in 5.0..55.0_f64, y in 5.0..45.0_f64, yaw in -3.2..3.2_f64,
         vx in -1.0..1.0_f64, vy in -0.3..0.3_f64, w in -2.0..2.0_f64, dt in 0.0..1.5_f64,
+        margin in prop_oneof![Just(obstacle_map::MARGIN), 0.01..0.5_f64],
     ) {
         let checker = CollisionChecker::new(&map, footprint, CollisionParams::default()).unwrap();
         let (start, twist) = (pose_in(&map, x, y, yaw), Twist2::new(vx, vy, w));
         let poses: Vec<Se2> = (0..=400).map(|i| start.compose(&twist.integrate(dt * f64::from(i) / 400.0))).collect();
-        if checker.collides_along(&start, &twist, dt).unwrap() {
-            prop_assert!(poses.iter().any(|pose| checker.obstacles().touches(checker.footprint(), pose, 2.0 * obstacle_map::MARGIN + 0.05)), "nothing is there");
+        let (obstacles, outline) = (checker.obstacles(), checker.footprint());
+        let collides = obstacles.collides_along_within(outline, &start, &twist, dt, margin).unwrap();
+        if margin == obstacle_map::MARGIN {
+            prop_assert_eq!(checker.collides_along(&start, &twist, dt).unwrap(), collides);
+        }
+        if collides {
+            prop_assert!(poses.iter().any(|pose| obstacles.touches(outline, pose, 2.0 * margin + 0.05)), "nothing is there");
         } else {
             prop_assert!(!poses.iter().any(|pose| checker.obstacles().touches(checker.footprint(), pose, 0.0)), "missed");
         }
@@ -179,6 +185,9 @@ fn bad_input_is_named() {
     assert!(checker.collides_along(&here, &Twist2::new(f64::NAN, 0.0, 0.0), 1.0).is_err());
     assert!(checker.collides_along(&here, &Twist2::new(1e9, 0.0, 0.0), 1.0).is_err());
     assert!(checker.collides_along(&here, &still, -1.0).is_err());
+    for margin in [0.0, -0.1, 1.1, f64::NAN] {
+        assert!(checker.obstacles().collides_along_within(checker.footprint(), &here, &still, 1.0, margin).is_err());
+    }
     assert!(checker.collides_along(&here, &still, f64::NAN).is_err());
     assert!(checker.collides_between(&here, &Se2::new(0.0, f64::INFINITY, 0.0)).is_err());
     assert_eq!(checker.collides_along(&here, &still, 1.0), Ok(false));

@@ -1,0 +1,127 @@
+//! How far it is to the goal at least: the larger of two bounds.
+//!
+//! One knows the obstacles and not the vehicle: the potential of the goal on the coarse grid of the [`Site`], Dijkstra's
+//! algorithm from the goal outwards. It is run only as far as it is asked for: beyond, its least open key is a bound. The other knows the vehicle
+//! and not the obstacles: the table of curves. (Dolgov et al. 2010, section 3.1)
+
+use super::{UNIT, lattice::Lattice, site::Site, table::CurveTable};
+use crate::grid::{BucketQueue, DenseNodes, Heuristic, STRAIGHT, SearchSpace, Step, Workspace, Zero};
+use agv_core::geometry::{LieGroup, Se2};
+use std::f64::consts::TAU;
+
+/// The potential of one goal, as far as it was computed.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Potential {
+    workspace: Workspace<Step, BucketQueue, DenseNodes<Step>>,
+    goal: Option<u32>,
+    /// Costs below this one are known.
+    known: u32,
+    exhausted: bool,
+    /// Units of the search per unit of the grid's costs.
+    scale: f64,
+}
+
+impl Potential {
+    /// Begins anew at a goal, unless it is the goal that it has and the map is the same.
+    pub(super) fn begin(&mut self, site: &Site, goal: u32, map_changed: bool) {
+        if self.goal == Some(goal) && !map_changed {
+            return;
+        }
+        let space = site.coarse();
+        let (_, _, block) = site.coarse_size();
+        self.scale = UNIT * site.layout().resolution() * block as f64 / f64::from(STRAIGHT);
+        self.goal = Some(goal);
+        self.exhausted = false;
+        self.known = 0;
+        if space.is_weighted() {
+            self.workspace.begin(&space.weighted());
+        } else {
+            self.workspace.begin(&space.uniform());
+        }
+        self.workspace.add_start(&Zero, goal, 0);
+    }
+
+    /// Goes on until the cost of a cell is known, and by a share further.
+    pub(super) fn reach(&mut self, site: &Site, node: u32) {
+        if self.exhausted || self.is_known(node) {
+            return;
+        }
+        if site.coarse().is_weighted() {
+            self.flood(&site.coarse().weighted(), node);
+        } else {
+            self.flood(&site.coarse().uniform(), node);
+        }
+    }
+
+    fn is_known(&self, node: u32) -> bool {
+        self.workspace.cost(node).is_some_and(|cost| cost < self.known)
+    }
+
+    fn flood(&mut self, space: &impl SearchSpace<Link = Step>, node: u32) {
+        let mut end = u32::MAX;
+        while let Some(key) = self.workspace.least_key().filter(|&key| key <= end) {
+            self.known = key;
+            if end == u32::MAX && self.is_known(node) {
+                end = key + key / 4 + 20 * STRAIGHT;
+            }
+            if self.workspace.expand_next(space, &Zero).is_none() {
+                break;
+            }
+        }
+        self.known = self.workspace.least_key().unwrap_or(u32::MAX);
+        self.exhausted = self.known == u32::MAX;
+    }
+
+    /// Bound for a coarse cell, in units of the search.
+    #[inline]
+    fn bound(&self, node: u32) -> u32 {
+        let cost = self.workspace.cost(node).unwrap_or(u32::MAX).min(self.known);
+        // What nothing joins to the goal is not reached by a motion either.
+        (f64::from(cost) * self.scale) as u32
+    }
+}
+
+/// Both bounds for one goal.
+pub(super) struct Guide<'a> {
+    potential: &'a Potential,
+    table: &'a CurveTable,
+    lattice: &'a Lattice<'a>,
+    goal_from_map: Se2,
+    goal_heading: f64,
+    /// Cost of a turn by one heading.
+    per_heading: f64,
+    weight: f64,
+}
+
+impl<'a> Guide<'a> {
+    pub(super) fn new(potential: &'a Potential, table: &'a CurveTable, lattice: &'a Lattice<'a>, goal: &Se2) -> Self {
+        let params = lattice.params();
+        let per_heading = UNIT * params.turning_radius * TAU / f64::from(params.headings);
+        let goal_heading = goal.yaw() / TAU * f64::from(params.headings);
+        Self {
+            potential,
+            table,
+            lattice,
+            goal_from_map: goal.inverse(),
+            goal_heading,
+            per_heading,
+            weight: params.heuristic_weight,
+        }
+    }
+}
+
+impl Heuristic for Guide<'_> {
+    #[inline]
+    fn estimate(&self, node: u32) -> u32 {
+        let headings = u32::from(self.lattice.params().headings);
+        let (cell, heading) = (node / headings, node % headings);
+        let point = self.goal_from_map.act(&self.lattice.center(cell));
+        let turn = (f64::from(heading) - self.goal_heading).round() as i32;
+        let turn = turn.rem_euclid(headings as i32);
+        let curve = self.table.cost(point.x, point.y, turn);
+        // Less half a heading at either end, which the lattice rounds away.
+        let turning = (f64::from(turn.min(headings as i32 - turn) - 1) * self.per_heading).max(0.0) as u32;
+        let bound = self.potential.bound(cell).max(curve).max(turning);
+        (f64::from(bound) * self.weight) as u32
+    }
+}

@@ -1,0 +1,211 @@
+//! The graph that is searched: cells and headings, each with the pose by which it was reached.
+//!
+//! A node is a cell of the coarse grid and a heading. The pose in it is exact, not its centre: motions join without a gap.
+//! The cheapest pose of a node stands for all others; once expanded it stays, so that no later way can cut a path in two.
+
+use super::{
+    UNIT,
+    motion::{LENGTHS, Leg, Motion, Wheels},
+    params::HybridAStarParams,
+    site::Site,
+};
+use crate::grid::{Frontier, Known, NodeStore, Reached, SearchSpace};
+use agv_core::{
+    Error,
+    geometry::{Se2, Twist2},
+};
+use nalgebra::Vector2;
+use std::f64::consts::TAU;
+
+/// How a node was reached.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Arrival {
+    pub(super) pose: Se2,
+    pub(super) parent: u32,
+    /// Number of the motion; none at the start.
+    pub(super) motion: u8,
+    /// Its successors were told: it stays as it is.
+    closed: bool,
+}
+
+/// Stands for no motion.
+const START: u8 = u8::MAX;
+
+impl Default for Arrival {
+    fn default() -> Self {
+        Self { pose: Se2::default(), parent: u32::MAX, motion: START, closed: false }
+    }
+}
+
+/// The lattice over a site.
+pub(super) struct Lattice<'a> {
+    params: &'a HybridAStarParams,
+    motions: &'a [Motion],
+    site: &'a Site,
+    start: Se2,
+    width: usize,
+    height: usize,
+    block: f64,
+    nodes: usize,
+    /// Whether shorter motions are tried near start and goal where the whole ones are blocked.
+    fine: bool,
+}
+
+impl<'a> Lattice<'a> {
+    /// The lattice for a start.
+    ///
+    /// # Errors
+    /// More nodes than can be numbered.
+    pub(super) fn new(
+        params: &'a HybridAStarParams,
+        motions: &'a [Motion],
+        site: &'a Site,
+        start: Se2,
+    ) -> Result<Self, Error> {
+        let (width, height, block) = site.coarse_size();
+        let nodes = width.saturating_mul(height).saturating_mul(usize::from(params.headings));
+        let max = u32::MAX as usize;
+        if nodes >= max {
+            return Err(Error::TooMany { name: "cells and headings", len: nodes, max });
+        }
+        Ok(Self { params, motions, site, start, width, height, block: block as f64, nodes, fine: false })
+    }
+
+    /// The same lattice, with shorter motions near start and goal.
+    pub(super) const fn with_fine(mut self, fine: bool) -> Self {
+        self.fine = fine;
+        self
+    }
+
+    pub(super) const fn params(&self) -> &HybridAStarParams {
+        self.params
+    }
+
+    /// Node of a pose; none off the map.
+    #[inline]
+    pub(super) fn node(&self, pose: &Se2) -> Option<u32> {
+        let cell = self.cell(&pose.translation())?;
+        let headings = i32::from(self.params.headings);
+        let heading = (pose.yaw() / TAU * f64::from(headings)).round() as i32;
+        Some(cell * headings as u32 + heading.rem_euclid(headings) as u32)
+    }
+
+    /// Coarse cell of a point; none off the map.
+    #[inline]
+    pub(super) fn cell(&self, point: &Vector2<f64>) -> Option<u32> {
+        let at = self.site.layout().to_grid(point) / self.block;
+        let inside = at.x >= 0.0 && at.y >= 0.0 && at.x < self.width as f64 && at.y < self.height as f64;
+        inside.then(|| at.y as u32 * self.width as u32 + at.x as u32)
+    }
+
+    /// Centre of a coarse cell, in the map.
+    #[inline]
+    pub(super) fn center(&self, cell: u32) -> Vector2<f64> {
+        let (x, y) = (cell % self.width as u32, cell / self.width as u32);
+        self.site.layout().to_map(&(Vector2::new(f64::from(x) + 0.5, f64::from(y) + 0.5) * self.block))
+    }
+
+    /// Pose of a node that was reached.
+    #[inline]
+    pub(super) fn pose(&self, arrival: &Arrival) -> Se2 {
+        if arrival.motion == START { self.start } else { arrival.pose }
+    }
+
+    /// The motion by which a node was reached.
+    pub(super) fn motion(&self, arrival: &Arrival) -> Option<&Motion> {
+        self.motions.get(usize::from(arrival.motion))
+    }
+
+    /// Price of a metre on a stretch, as if all of it cost what its middle and end do.
+    #[inline]
+    fn price(&self, twist: &Twist2, middle: &Se2, end: &Se2) -> f64 {
+        let direction = if twist.vx < 0.0 { self.params.reverse_weight } else { 1.0 };
+        if self.params.cost_weight == 0.0 {
+            return direction;
+        }
+        direction * (1.0 + self.params.cost_weight * 0.5 * (self.site.cost_at(middle) + self.site.cost_at(end)))
+    }
+
+    /// Cost of turning the wheels and changing gear between two motions, in metres.
+    #[inline]
+    fn change(&self, before: &Twist2, after: &Twist2) -> f64 {
+        let turned = Wheels::of(before).change(&Wheels::of(after), self.params.turning_radius);
+        self.params.steering_change * turned + if before.vx * after.vx < 0.0 { self.params.gear_change } else { 0.0 }
+    }
+
+    /// Cost of legs driven one after another, after a motion, in metres.
+    pub(super) fn cost_of(&self, before: Option<Twist2>, legs: impl IntoIterator<Item = Leg>) -> f64 {
+        let (mut cost, mut before) = (0.0, before);
+        for leg in legs {
+            cost += before.map_or(0.0, |before| self.change(&before, &leg.twist));
+            before = Some(leg.twist);
+            // In stretches of a step, as the search counts.
+            let pieces =
+                if self.params.cost_weight > 0.0 { (leg.length / self.params.step).ceil().max(1.0) } else { 1.0 };
+            let length = leg.length / pieces;
+            for i in 0..pieces as u32 {
+                let from = f64::from(i) * length;
+                cost += length * self.price(&leg.twist, &leg.at(from + 0.5 * length), &leg.at(from + length));
+            }
+        }
+        cost
+    }
+}
+
+impl SearchSpace for Lattice<'_> {
+    type Link = Arrival;
+
+    fn node_count(&self) -> usize {
+        self.nodes
+    }
+
+    fn max_step(&self) -> u32 {
+        let params = self.params;
+        let dearest = params.step * params.reverse_weight * (1.0 + params.cost_weight);
+        let change = params.gear_change + params.steering_change * 4.0;
+        ((dearest + change) * UNIT).min(f64::from(u32::MAX / 4)) as u32
+    }
+
+    fn expand(&self, at: Reached<Arrival>, frontier: &mut impl Frontier<Arrival>) {
+        let pose = self.pose(&at.link);
+        let before = self.motion(&at.link);
+        // Out of a tight place, and into one, the shorter motions; elsewhere they cost more than they find.
+        let tried =
+            if self.fine && self.site.is_near_end(&pose, self.params.turning_radius) { LENGTHS.len() } else { 1 };
+        for (kind, lengths) in self.motions.chunks_exact(LENGTHS.len()).enumerate() {
+            for (number, motion) in lengths.iter().enumerate().take(tried) {
+                let end = pose * motion.end;
+                let Some(node) = self.node(&end) else { continue };
+                if !self.site.coarse().is_passable(node / u32::from(self.params.headings)) {
+                    continue;
+                }
+                let mut cost = motion.length * self.price(&motion.twist, &(pose * motion.middle), &end);
+                if let Some(before) = before {
+                    cost += if before.gear == motion.gear { 0.0 } else { self.params.gear_change };
+                    cost +=
+                        self.params.steering_change * before.wheels.change(&motion.wheels, self.params.turning_radius);
+                }
+                let cost = at.cost.saturating_add((cost * UNIT).round() as u32);
+                // What is known to be useless is not checked for collisions.
+                let is_useless = |known: Known<Arrival>| known.link.closed || known.cost <= cost;
+                if frontier.known(node).is_some_and(is_useless) {
+                    break;
+                }
+                if self.site.is_free_along(&pose, &motion.twist, motion.length) {
+                    let number = (LENGTHS.len() * kind + number) as u8;
+                    frontier.reach(node, cost, Arrival { pose: end, parent: at.node, motion: number, closed: false });
+                    break;
+                }
+            }
+        }
+    }
+
+    fn predecessor(&self, _: u32, link: Arrival) -> Option<u32> {
+        (link.motion != START).then_some(link.parent)
+    }
+
+    #[inline]
+    fn settle(&self, at: Reached<Arrival>, _: &impl NodeStore<Arrival>) -> Option<Known<Arrival>> {
+        Some(Known { cost: at.cost, link: Arrival { closed: true, ..at.link } })
+    }
+}

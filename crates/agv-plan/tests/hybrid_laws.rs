@@ -1,0 +1,261 @@
+//! Hybrid A*: every path can be driven, touches nothing, and leads where it was asked to.
+
+use agv_core::{
+    geometry::{LieGroup, Se2},
+    grid::{Cell, CellState, Costmap, Footprint, Grid, GridLayout, Inflation, InflationParams, cost},
+    nalgebra::Vector2,
+    path::{Gear, Path},
+    roles::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome, laws},
+};
+use agv_plan::hybrid::{HybridAStar, HybridAStarParams, ReedsShepp};
+use proptest::prelude::*;
+use std::f64::consts::PI;
+
+const REAR: f64 = -0.3;
+const FRONT: f64 = 0.9;
+const WIDTH: f64 = 0.6;
+
+fn footprint() -> Footprint {
+    Footprint::rectangle(REAR, FRONT, WIDTH).unwrap()
+}
+
+fn params() -> HybridAStarParams {
+    HybridAStarParams { max_expansions: 10_000, ..HybridAStarParams::for_turning_radius(1.0).unwrap() }
+}
+
+/// A hall of 10 m by 8 m at 0.1 m, walled in, with blocks in it.
+fn hall(blocks: &[(i32, i32, i32, i32)]) -> Grid<CellState> {
+    let mut map = Grid::filled(GridLayout::new(100, 80, 0.1, Se2::new(-1.0, 2.0, 0.3)).unwrap(), CellState::Free);
+    for (x, y) in (0..100).flat_map(|x| (0..80).map(move |y| (x, y))) {
+        let wall = x == 0 || y == 0 || x == 99 || y == 79;
+        let block = blocks.iter().any(|&(bx, by, w, h)| x >= bx && x < bx + w && y >= by && y < by + h);
+        if wall || block {
+            map.set(Cell::new(x, y), CellState::Occupied);
+        }
+    }
+    map
+}
+
+/// A pose, given in metres of the hall.
+fn at(map: &Grid<CellState>, x: f64, y: f64, yaw: f64) -> Se2 {
+    map.layout().map_from_grid() * Se2::new(x, y, yaw)
+}
+
+/// Whether the rectangle and an occupied cell have a point in common, by separating axes.
+fn touches(map: &Grid<CellState>, pose: &Se2, slack: f64) -> bool {
+    let layout = map.layout();
+    let e = layout.resolution();
+    let grid_from_base = layout.map_from_grid().inverse() * *pose;
+    let centre = grid_from_base * Vector2::new(0.5 * (REAR + FRONT), 0.0);
+    let (ux, uy) = (grid_from_base.rotation().cos(), grid_from_base.rotation().sin());
+    let (hx, hy) = (0.5 * (FRONT - REAR) - slack, 0.5 * WIDTH - slack);
+    let reach = hx.hypot(hy);
+    let range = |c: f64| ((c - reach) / e).floor() as i32 - 1..=((c + reach) / e).floor() as i32 + 1;
+    range(centre.y).any(|y| {
+        range(centre.x).any(|x| {
+            if map.get(Cell::new(x, y)) == Some(&CellState::Free) {
+                return false;
+            }
+            let d = Vector2::new((f64::from(x) + 0.5) * e, (f64::from(y) + 0.5) * e) - centre;
+            let (h, spread) = (0.5 * e, 0.5 * e * (ux.abs() + uy.abs()));
+            d.x.abs() <= h + hx * ux.abs() + hy * uy.abs()
+                && d.y.abs() <= h + hx * uy.abs() + hy * ux.abs()
+                && (d.x * ux + d.y * uy).abs() <= hx + spread
+                && (d.y * ux - d.x * uy).abs() <= hy + spread
+        })
+    })
+}
+
+/// What is wrong with a path, if anything: densely, by other means than the planner's.
+fn fault(map: &Grid<CellState>, path: &Path, radius: f64, crab: f64, spacing: f64) -> Option<String> {
+    for pair in path.points().windows(2) {
+        let step = pair[1].pose.minus(&pair[0].pose);
+        let length = step.x.hypot(step.y);
+        if length > spacing * (1.0 + 1e-6) {
+            return Some(format!("a gap of {length}"));
+        }
+        if length < 1e-7 {
+            continue;
+        }
+        let ahead = if pair[1].gear == Gear::Forward { step.x } else { -step.x };
+        if ahead <= 0.0 {
+            return Some(format!("driven against its gear: {step:?}"));
+        }
+        if step.y.abs() > ahead * crab.tan() + 1e-7 {
+            return Some(format!("sideways: {step:?}"));
+        }
+        if step.z.abs() > length / radius * (1.0 + 1e-6) + 1e-7 {
+            return Some(format!("too tight: {step:?}"));
+        }
+        for i in 0..=5 {
+            if touches(map, &pair[0].pose.plus(&(step * (f64::from(i) / 5.0))), 1e-9) {
+                return Some(format!("touches at {:?}", pair[0].pose));
+            }
+        }
+    }
+    None
+}
+
+fn blocks() -> impl Strategy<Value = Vec<(i32, i32, i32, i32)>> {
+    prop::collection::vec((5..90_i32, 5..70_i32, 1..14_i32, 1..14_i32), 0..14)
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 40, ..Default::default() })]
+
+    #[test]
+    fn paths_can_be_driven_and_touch_nothing(
+        blocks in blocks(), ends in prop::array::uniform2((0.5..9.5_f64, 0.5..7.5_f64, -PI..PI)),
+        crab in prop_oneof![3 => Just(0.0), 1 => Just(0.4)], may_reverse in prop_oneof![4 => Just(true), 1 => Just(false)],
+        inflate: bool, cost_weight in prop_oneof![Just(0.0), Just(3.0)],
+    ) {
+        let map = hall(&blocks);
+        let costmap = if inflate {
+            Inflation::new(InflationParams::for_footprint(&footprint())).unwrap().inflate(&map).unwrap()
+        } else {
+            Costmap::from_map(&map)
+        };
+        let params = HybridAStarParams { crab_angle: crab, may_reverse, cost_weight, ..params() };
+        let mut planner = HybridAStar::new(params, footprint()).unwrap();
+        let [start, goal] = ends.map(|(x, y, yaw)| at(&map, x, y, yaw));
+        let mut path = Path::new();
+        match planner.plan_into(&costmap, &start, &goal, &mut path).unwrap() {
+            PlanOutcome::Found { cost, .. } => {
+                prop_assert_eq!(path.points()[0].pose, start);
+                let end = path.points()[path.len() - 1].pose;
+                prop_assert_eq!(end, goal);
+                prop_assert_eq!(fault(&map, &path, params.turning_radius, crab, params.spacing), None);
+                let bound = ReedsShepp::new(params.turning_radius).unwrap().cost(&start, &goal).unwrap();
+                prop_assert!(crab > 0.0 || cost >= bound - 1e-6, "{} {}", cost, bound);
+                prop_assert!(cost >= path.length() - 1e-6 && path.length() >= (goal.translation() - start.translation()).norm() - 1e-9);
+                prop_assert!(may_reverse || path.points().iter().all(|p| p.gear == Gear::Forward));
+                if inflate {
+                    let free = |p: &Se2| costmap.layout().cell_at(&p.translation()).is_some_and(|c| costmap.is_traversable(c));
+                    prop_assert!(path.points().iter().all(|p| free(&p.pose)));
+                }
+                let mut again = Path::new();
+                let mut fresh = HybridAStar::new(params, footprint()).unwrap();
+                let second = fresh.plan_into(&costmap, &start, &goal, &mut again).unwrap();
+                let same = matches!(second, PlanOutcome::Found { cost: c, .. } if c == cost) && again == path;
+                prop_assert!(same, "another answer");
+            }
+            PlanOutcome::NoPath { reason: NoPathReason::StartBlocked, .. } => {
+                // Grown by a hair at the most.
+                prop_assert!(inflate || touches(&map, &start, -1e-6));
+                prop_assert!(path.is_empty());
+            }
+            PlanOutcome::NoPath { reason: NoPathReason::GoalBlocked, .. } => {
+                prop_assert!(inflate || touches(&map, &goal, -1e-6));
+                prop_assert!(path.is_empty());
+            }
+            PlanOutcome::NoPath { reason: NoPathReason::Budget, .. } => {
+                prop_assert_eq!(path.points()[0].pose, start);
+                prop_assert_eq!(fault(&map, &path, params.turning_radius, crab, params.spacing), None);
+            }
+            _ => prop_assert!(path.is_empty()),
+        }
+    }
+}
+
+#[test]
+fn plays_its_role() {
+    let map = hall(&[(40, 0, 4, 45)]);
+    let costmap = Inflation::new(InflationParams::for_footprint(&footprint())).unwrap().inflate(&map).unwrap();
+    let mut planner = HybridAStar::new(params(), footprint()).unwrap();
+    laws::global_planner(&mut planner, &costmap, &at(&map, 2.0, 2.0, 0.0), &at(&map, 7.0, 2.0, PI)).unwrap();
+    // For a point, and costs that nobody inflated.
+    let mut point = HybridAStar::new(params(), Footprint::point()).unwrap();
+    let raw = Costmap::from_map(&map);
+    laws::global_planner(&mut point, &raw, &at(&map, 2.0, 2.0, 0.0), &at(&map, 7.0, 2.0, PI)).unwrap();
+}
+
+fn plan(planner: &mut HybridAStar, map: &Grid<CellState>, start: Se2, goal: Se2) -> (PlanOutcome, Path) {
+    let mut path = Path::new();
+    let outcome = planner.plan_into(&Costmap::from_map(map), &start, &goal, &mut path).unwrap();
+    (outcome, path)
+}
+
+fn reason(outcome: PlanOutcome) -> Option<(NoPathReason, u64)> {
+    match outcome {
+        PlanOutcome::NoPath { reason, expansions } => Some((reason, expansions)),
+        _ => None,
+    }
+}
+
+#[test]
+fn why_there_is_no_path_is_said() {
+    let map = hall(&[(48, 0, 4, 80), (10, 60, 3, 3)]);
+    let mut planner = HybridAStar::new(params(), footprint()).unwrap();
+    let (good, beyond, inside) = (at(&map, 2.0, 2.0, 0.0), at(&map, 8.0, 2.0, 0.0), at(&map, 0.9, 6.1, 0.0));
+    for (start, goal, want) in [
+        (good, beyond, NoPathReason::Disconnected),
+        (inside, good, NoPathReason::StartBlocked),
+        (good, inside, NoPathReason::GoalBlocked),
+    ] {
+        let (outcome, path) = plan(&mut planner, &map, start, goal);
+        assert_eq!(reason(outcome), Some((want, 0)));
+        assert!(path.is_empty());
+    }
+    // A gap that a circle passes, and the vehicle does not: found out by search.
+    let gap = hall(&[(30, 0, 30, 35), (30, 45, 30, 35)]);
+    let (outcome, _) = plan(&mut planner, &gap, at(&gap, 1.5, 1.5, PI / 2.0), at(&gap, 8.5, 1.5, PI / 2.0));
+    assert!(matches!(outcome, PlanOutcome::Found { .. }), "it just fits: {outcome:?}");
+    let tight = HybridAStarParams { max_expansions: 10, ..params() };
+    let mut hurried = HybridAStar::new(tight, footprint()).unwrap();
+    let (outcome, path) = plan(&mut hurried, &gap, at(&gap, 1.5, 1.5, PI / 2.0), at(&gap, 8.5, 1.5, PI / 2.0));
+    assert_eq!(reason(outcome), Some((NoPathReason::Budget, 10)));
+    assert!(!path.is_empty() && fault(&gap, &path, 1.0, 0.0, 0.05).is_none());
+    let mut path = Path::new();
+    let poses = (&at(&gap, 1.5, 1.5, PI / 2.0), &at(&gap, 8.5, 1.5, PI / 2.0));
+    let outcome = planner.plan_with_cancel(&Costmap::from_map(&gap), poses, &mut path, &mut || true).unwrap();
+    assert!(matches!(reason(outcome), None | Some((NoPathReason::Cancelled, _))));
+}
+
+#[test]
+fn a_blocked_goal_moves_within_its_tolerance() {
+    let map = hall(&[(50, 30, 6, 6)]);
+    let goal = at(&map, 4.9, 3.3, 0.0);
+    let mut strict = HybridAStar::new(params(), footprint()).unwrap();
+    let start = at(&map, 1.5, 3.3, 0.0);
+    assert_eq!(reason(plan(&mut strict, &map, start, goal).0), Some((NoPathReason::GoalBlocked, 0)));
+    let lax = HybridAStarParams { goal_tolerance: 1.5, goal_heading_tolerance: 0.2, ..params() };
+    let mut lax = HybridAStar::new(lax, footprint()).unwrap();
+    let (outcome, path) = plan(&mut lax, &map, start, goal);
+    assert!(matches!(outcome, PlanOutcome::Found { .. }), "{outcome:?}");
+    let off = goal.inverse() * path.points()[path.len() - 1].pose;
+    assert!(off.translation().norm() <= 1.5 && off.yaw().abs() <= 0.2 && fault(&map, &path, 1.0, 0.0, 0.05).is_none());
+}
+
+#[test]
+fn bad_queries_are_refused() {
+    let map = hall(&[]);
+    let costmap = Costmap::from_map(&map);
+    let mut planner = HybridAStar::new(params(), footprint()).unwrap();
+    let good = at(&map, 2.0, 2.0, 0.0);
+    let mut path = Path::new();
+    for bad in [f64::NAN, f64::INFINITY] {
+        for pose in [Se2::new(bad, 0.0, 0.0), Se2::new(0.0, bad, 0.0), Se2::new(0.0, 0.0, bad)] {
+            assert!(matches!(planner.plan_into(&costmap, &pose, &good, &mut path), Err(PlanError::Invalid(_))));
+            assert!(matches!(planner.plan_into(&costmap, &good, &pose, &mut path), Err(PlanError::Invalid(_))));
+        }
+    }
+    let far = Se2::new(500.0, 0.0, 0.0);
+    assert!(matches!(planner.plan_into(&costmap, &far, &good, &mut path), Err(PlanError::StartOutside { .. })));
+    assert!(matches!(planner.plan_into(&costmap, &good, &far, &mut path), Err(PlanError::GoalOutside { .. })));
+    assert!(HybridAStar::new(HybridAStarParams { turning_radius: 0.0, ..params() }, footprint()).is_err());
+    // Maps of one cell, and of cells larger than the vehicle.
+    for (size, resolution) in [(1, 0.1), (3, 50.0)] {
+        let layout = GridLayout::new(size, size, resolution, Se2::default()).unwrap();
+        let tiny = Costmap::from_map(&Grid::filled(layout, CellState::Free));
+        let middle = Se2::new(0.5 * size as f64 * resolution, 0.5 * size as f64 * resolution, 0.0);
+        let outcome = planner.plan_into(&tiny, &middle, &middle, &mut path).unwrap();
+        assert_eq!(matches!(outcome, PlanOutcome::Found { cost: 0.0, .. }), size == 3, "{outcome:?}");
+    }
+    let unknown = Costmap::from_costs(Grid::filled(*map.layout(), cost::UNKNOWN));
+    assert_eq!(
+        reason(planner.plan_into(&unknown, &good, &good, &mut path).unwrap()),
+        Some((NoPathReason::StartBlocked, 0))
+    );
+    let mut bold = HybridAStar::new(HybridAStarParams { unknown_is_obstacle: false, ..params() }, footprint()).unwrap();
+    assert!(reason(bold.plan_into(&unknown, &good, &at(&map, 5.0, 4.0, 1.0), &mut path).unwrap()).is_none());
+}
