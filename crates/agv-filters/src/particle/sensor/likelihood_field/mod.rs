@@ -10,6 +10,7 @@
 //! with `k` the number of independent beams that a scan counts as. The beam end points are brought to the base frame, in
 //! cells, once per scan.
 
+mod beams;
 mod kernel;
 mod params;
 mod refine;
@@ -20,11 +21,12 @@ mod tests;
 use super::{MaxBeams, PoseLikelihood, SensorModel, weigh_per_pose};
 use agv_core::{
     Error,
-    geometry::{LieGroup, Se2, UncertainPose},
+    geometry::{Se2, UncertainPose},
     grid::LikelihoodField,
     roles::SkipReason,
-    sensors::{Beam, LaserScan},
+    sensors::LaserScan,
 };
+use beams::Beams;
 use kernel::{COORDINATE_BITS, EndPoints, ScanOnTable};
 use nalgebra::Vector2;
 use pulp::Arch;
@@ -62,8 +64,7 @@ pub use params::{LikelihoodFieldModelParams, ScanForm};
 pub struct LikelihoodFieldModel {
     params: LikelihoodFieldModelParams,
     table: Arc<Table>,
-    /// End points in the base frame, in cells.
-    ends: EndPoints,
+    beams: Beams,
     arch: Arch,
 }
 
@@ -79,7 +80,7 @@ impl LikelihoodFieldModel {
     pub fn new(field: &LikelihoodField, params: LikelihoodFieldModelParams) -> Result<Self, Error> {
         params.validate()?;
         let table = Arc::new(Table::new(field, &params)?);
-        Ok(Self { params, table, ends: EndPoints::with_capacity(params.max_beams), arch: Arch::new() })
+        Ok(Self { params, table, beams: Beams::with_capacity(params.max_beams), arch: Arch::new() })
     }
 
     /// The parameters.
@@ -87,33 +88,19 @@ impl LikelihoodFieldModel {
         &self.params
     }
 
-    /// Collects the end points of the beams that are used; returns their number.
-    fn collect_ends(&mut self, scan: &LaserScan) -> usize {
-        let (geometry, mount) = (scan.geometry(), scan.geometry().base_from_sensor);
-        let (beams, used) = (scan.len(), scan.len().min(self.params.max_beams));
-        self.ends.clear();
-        for k in 0..used {
-            // The middle of the k-th of `used` equal parts of the scan.
-            let index = (2 * k + 1) * beams / (2 * used);
-            let Beam::Hit(range) = scan.interpret(scan.ranges()[index]) else { continue };
-            if range > self.params.max_range {
-                continue;
-            }
-            let (sin, cos) = geometry.angle(index).sin_cos();
-            let end = mount.act(&[range * cos, range * sin].into()) * self.table.cells_per_metre;
-            self.ends.push(end.x as f32, end.y as f32);
-        }
-        self.ends.len()
+    /// The end points of the beams that are used.
+    fn ends(&mut self, scan: &LaserScan) -> &EndPoints {
+        self.beams.ends(scan, &self.params, self.table.cells_per_metre)
     }
 }
 
 impl SensorModel<LaserScan> for LikelihoodFieldModel {
     fn condition<'a>(&'a mut self, scan: &'a LaserScan) -> Result<impl PoseLikelihood + 'a, SkipReason> {
-        let (usable, needed) = (self.collect_ends(scan), self.params.min_hits.max(1));
+        let (usable, needed) = (self.ends(scan).len(), self.params.min_hits.max(1));
         if usable < needed {
             return Err(SkipReason::TooFewReadings { usable, needed });
         }
-        Ok(ScanOnTable::new(&self.table, &self.ends, self.params.form, self.arch))
+        Ok(ScanOnTable::new(&self.table, self.beams.known(), self.params.form, self.arch))
     }
 
     fn independent_readings(&self) -> f64 {
@@ -123,11 +110,11 @@ impl SensorModel<LaserScan> for LikelihoodFieldModel {
     /// Not with the sum of cubes: its terms do not tell distances.
     fn refine(&mut self, scan: &LaserScan, guess: &UncertainPose<Se2>) -> Option<Se2> {
         let ScanForm::Product { independent_beams } = self.params.form else { return None };
-        let hits = self.collect_ends(scan);
+        let hits = self.ends(scan).len();
         if hits < self.params.min_hits.max(1) {
             return None;
         }
-        let ends = self.ends.iter().map(|(x, y)| Vector2::new(f64::from(x), f64::from(y)));
+        let ends = self.beams.known().iter().map(|(x, y)| Vector2::new(f64::from(x), f64::from(y)));
         let weight = (independent_beams / hits as f64).min(1.0);
         Refiner { table: &self.table, ends, weight }.refine(guess)
     }

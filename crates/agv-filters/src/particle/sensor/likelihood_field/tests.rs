@@ -2,7 +2,7 @@
 
 use super::*;
 use agv_core::{
-    geometry::Se2,
+    geometry::{LieGroup, Se2},
     grid::{CellState, Grid, GridLayout, LikelihoodFieldParams},
     sensors::ScanGeometry,
     time::Stamp,
