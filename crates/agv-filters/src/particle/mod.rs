@@ -50,7 +50,8 @@ pub use motion::{
     OmnidirectionalNoise, OmnidirectionalOdometryModel, PriorMotionModel, PriorNoise, VelocityModel, VelocityNoise,
 };
 pub use proposal::{
-    LikelihoodSearch, LikelihoodSearchParams, ObservedPose, PoseProposal, ProposalContext, UniformProposal,
+    LikelihoodSearch, LikelihoodSearchParams, ObservedPose, PoseProposal, ProposalContext, ResumableProposal,
+    SearchState, UniformProposal,
 };
 pub use recovery::{Recovery, RecoveryParams};
 pub use resample::{Multinomial, Resampler, Residual, Stratified, Systematic};

@@ -199,8 +199,11 @@ where
         let resampled = self.rules.resample.is_due(&context) || share > 0.0;
         let mut fresh = 0;
         if resampled {
-            let most = (share * particles.capacity() as f64).round() as usize;
+            // No more than a set of twice the size holds: what is not looked at need not be drawn.
+            let room = particles.capacity().min(2 * particles.len());
+            let most = (share * room as f64).round() as usize;
             let context = ProposalContext::new(&self.free_space, estimate, self.par, proposal_seed, *step);
+            let context = context.after(diagnostics.updates, *odom_from_base, particles.len());
             let proposed = if most > 0 { adapt.propose(observation, &mut self.sensor, &context, most) } else { &[] };
             let stream = &mut size_seed.stream(*step, 0);
             let count = self.rules.size.sample_size_with(particles, proposed, share, stream);
