@@ -17,6 +17,7 @@ use agv_core::{
     sensors::Observation,
 };
 use nalgebra::Matrix3;
+use pulp::Arch;
 
 /// What an adaptive filter does differently.
 pub(in crate::particle) trait Adapt<Z: ?Sized, S: ?Sized> {
@@ -134,16 +135,30 @@ where
     {
         let seed = self.seed_for(Draw::Motion);
         let Belief { particles, pending, step, .. } = &mut self.belief;
-        if let Some(motion) = pending {
-            let (model, motion) = (&self.motion, &*motion);
-            particles.propose(self.par, |chunk, poses, moved| {
-                model.propagate(motion, poses, moved, &mut seed.stream(*step, chunk as u64));
+        let (model, motion, par) = (&self.motion, &*pending, self.par);
+        let log_likelihoods = &mut self.log_likelihoods[..particles.len()];
+        let moves = |chunk: usize, poses: &[Se2], moved: &mut [Se2]| match motion {
+            Some(motion) => model.propagate(motion, poses, moved, &mut seed.stream(*step, chunk as u64)),
+            None => moved.copy_from_slice(poses),
+        };
+        // Where the sensor judges pose by pose, a chunk is moved, weighed and summed up in one go: threads meet once.
+        let arch = Arch::new();
+        let mut sums = None;
+        let judged = self.sensor.with_likelihood(observation, &mut |likelihood| {
+            sums = particles.propose_weighed(log_likelihoods, par, arch, |chunk, poses, moved, logs| {
+                moves(chunk, poses, moved);
+                likelihood.log_likelihoods(moved, logs);
             });
-        }
-        let poses = if pending.is_some() { particles.proposed() } else { particles.states() };
-        let log_likelihoods = &mut self.log_likelihoods[..poses.len()];
-        self.sensor.weigh(observation, poses, log_likelihoods, self.par)?;
-        let weights = particles.reweigh(log_likelihoods, self.par).ok_or(SkipReason::Unexplained)?;
+        });
+        let weights = if let Some(judged) = judged {
+            judged?;
+            sums.and_then(|sums| particles.take_in(log_likelihoods, &sums, par, arch))
+        } else {
+            particles.propose(par, moves);
+            self.sensor.weigh(observation, particles.proposed(), log_likelihoods, par)?;
+            particles.reweigh(log_likelihoods, par)
+        };
+        let weights = weights.ok_or(SkipReason::Unexplained)?;
         if pending.take().is_some() {
             particles.adopt();
             *step += 1;
