@@ -92,6 +92,11 @@ impl WeightSums {
         Self { peak, sum: a.sum + b.sum, squares: a.squares + b.squares, logs: a.logs + b.logs }
     }
 
+    /// `(Σ w)² / Σ w²`; zero if no weight is possible.
+    pub(in crate::particle) fn effective_sample_size(&self) -> f64 {
+        if self.peak.is_finite() { self.sum * self.sum / self.squares } else { 0.0 }
+    }
+
     /// The same in another unit, not below its own; of impossible ones nothing is left.
     fn by(self, peak: f64) -> Self {
         let below = self.peak - peak;
