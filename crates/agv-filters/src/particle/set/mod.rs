@@ -258,16 +258,20 @@ impl<X: ParticleState> ParticleSet<X> {
     pub fn resample_by(&mut self, par: Par, choose: impl FnOnce(&[X], &[f64], &mut [u32]) -> usize) -> &[u32] {
         let (old, states) = (self.count, &self.states);
         let count = choose(&states[..old], &self.weights[..old], &mut self.ancestors).clamp(1, states.len());
-        let data = (&mut self.spare[..count], &mut self.ancestors[..count]);
-        par.for_each_chunk(data, CHUNK, |_, (spare, ancestors): (&mut [X], &mut [u32])| {
+        let weight = (count as f64).recip();
+        let log_weight = weight.ln();
+        let weights = (&mut self.weights[..count], &mut self.log_weights[..count]);
+        let data = (&mut self.spare[..count], &mut self.ancestors[..count], weights);
+        par.for_each_chunk(data, CHUNK, |_, (spare, ancestors, (weights, log_weights)): Drawn<'_, X>| {
             for (state, ancestor) in spare.iter_mut().zip(ancestors) {
                 *ancestor = (*ancestor).min(old as u32 - 1);
                 *state = states[*ancestor as usize];
             }
+            weights.fill(weight);
+            log_weights.fill(log_weight);
         });
         self.adopt();
         self.count = count;
-        self.equalize();
         &self.ancestors[..count]
     }
 }
@@ -281,6 +285,9 @@ impl<X: ParticleState> ParticleSet<X> {
         self.equalize();
     }
 }
+
+/// New states, where each came from, and its weight with its logarithm.
+type Drawn<'a, X> = (&'a mut [X], &'a mut [u32], (&'a mut [f64], &'a mut [f64]));
 
 /// The entries of chunk `index`.
 pub(super) fn chunk_of<T>(values: &[T], index: usize) -> &[T] {
