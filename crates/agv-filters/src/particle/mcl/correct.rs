@@ -177,10 +177,7 @@ where
     where
         S: WeighParticles<Z>,
     {
-        let StatusParams { narrow_position, narrow_rotation, .. } = *self.belief.monitor.params();
-        let is_narrow =
-            moments.position_deviation() < narrow_position && moments.rotation_deviation() < narrow_rotation;
-        if !(self.refine && is_narrow) {
+        if !(self.refine && is_narrow(&moments, self.belief.monitor.params())) {
             return Ok(moments);
         }
         let guess = UncertainPose::new(*moments.mean(), *known)?;
@@ -206,8 +203,9 @@ where
     {
         let seeds = [Draw::SampleSize, Draw::Resampling, Draw::Proposal].map(|draw| self.seed_for(draw));
         let [size_seed, seed, proposal_seed] = seeds;
-        let Belief { particles, step, drawn, diagnostics, odom_from_base, known, .. } = &mut self.belief;
+        let Belief { particles, step, drawn, diagnostics, odom_from_base, known, monitor, .. } = &mut self.belief;
         let estimate = known.map_or_else(Se2::identity, |known| *known.pose.mean());
+        let is_narrow = known.is_some_and(|known| is_narrow(&known.pose, monitor.params()));
         drawn.updates += 1;
         let motion = drawn.odom_from_base.between(odom_from_base);
         let context = ResampleContext::new(weights, particles.len(), drawn.updates, motion);
@@ -218,7 +216,7 @@ where
             let room = particles.capacity().min(2 * particles.len());
             let most = (share * room as f64).round() as usize;
             let context = ProposalContext::new(&self.free_space, estimate, self.par, proposal_seed, *step);
-            let context = context.after(diagnostics.updates, *odom_from_base, particles.len());
+            let context = context.after(diagnostics.updates, *odom_from_base).of_particles(particles.len(), is_narrow);
             let proposed = if most > 0 { adapt.propose(observation, &mut self.sensor, &context, most) } else { &[] };
             let stream = &mut size_seed.stream(*step, 0);
             let count = self.rules.size.sample_size_with(particles, proposed, share, stream);
@@ -235,4 +233,9 @@ where
         *diagnostics = MclDiagnostics { weights, resampled, degrees, updates: diagnostics.updates + 1, fresh };
         2 * fresh > particles.len()
     }
+}
+
+/// Whether a belief is as narrow as that of a vehicle that is tracked.
+fn is_narrow(pose: &UncertainPose<Se2>, params: &StatusParams) -> bool {
+    pose.position_deviation() < params.narrow_position && pose.rotation_deviation() < params.narrow_rotation
 }

@@ -1,6 +1,6 @@
 //! A search that is spread over updates.
 //!
-//! As long as the estimate explains the scan there is time: each update tries part of the candidates, spread over all free space,
+//! As long as a vehicle is tracked, and the estimate explains the scan, there is time: each update tries part of the candidates, spread over all free space,
 //! and refines the best ones by a round. What was found so far moves along with the odometry and competes with what is new,
 //! all of them weighed by the scan of the day. So an update that searches costs little more than one that does not.
 
@@ -9,14 +9,17 @@ use crate::particle::WeighParticles;
 use agv_core::geometry::{LieGroup, Se2};
 
 impl LikelihoodSearch {
-    /// Poses that an update may spend: as many as its particles do, in proportion, if the estimate explains the observation; none
-    /// if it does not, and the search is to be done at once.
+    /// Poses that an update may spend: as many as its particles do, in proportion, if the belief is narrow and the estimate explains the
+    /// observation; none if not, and the search is to be done at once.
     pub(super) fn budget<Z: ?Sized, S: WeighParticles<Z> + ?Sized>(
         &self,
         observation: &Z,
         sensor: &mut S,
         context: &ProposalContext<'_>,
     ) -> Option<usize> {
+        if !context.is_narrow {
+            return None;
+        }
         let explained = sensor.explained(observation, &context.estimate)?;
         let poses = (self.params.effort * context.particles as f64) as usize;
         let all = self.count(context) + self.params.refined * self.params.trials * self.params.rounds as usize;
@@ -161,7 +164,7 @@ mod tests {
             let odometry = Se2::new(0.2 * update as f64, 0.0, 0.0);
             let truth = Se2::new(1.0, 4.0, 0.3) * odometry;
             let context = ProposalContext::new(&space, Se2::identity(), Par::Seq, Seed(1), update);
-            search.advance(&(), &mut Peak(truth), &context.after(update, odometry, 400), 400);
+            search.advance(&(), &mut Peak(truth), &context.after(update, odometry), 400);
             error = search.found().next().unwrap().0.minus(&truth).norm();
         }
         error
@@ -172,7 +175,7 @@ mod tests {
         let mut search = LikelihoodSearch::new(LikelihoodSearchParams::default()).unwrap();
         let first = follow(&mut search, 0..1);
         let later = follow(&mut search, 1..12);
-        assert!(later < 0.1 && later < 0.5 * first, "{first} {later}");
+        assert!(later < 0.2 && later < 0.5 * first, "{first} {later}");
         assert!(search.state.tried > 0 && search.state.tried < 400 * 12);
         // An update that did not search comes between: it begins anew.
         follow(&mut search, 13..14);

@@ -27,6 +27,8 @@ pub struct ProposalContext<'a> {
     pub estimate: Se2,
     /// Particles of the set: what the update spends anyway.
     pub particles: usize,
+    /// Whether the belief is narrow: the vehicle is tracked, if it is where it is taken to be.
+    pub is_narrow: bool,
     /// Updates applied before this one since the belief was given.
     pub updates: u64,
     /// The base in the frame that the odometry is summed up in: what the vehicle has moved since an earlier call.
@@ -38,15 +40,22 @@ pub struct ProposalContext<'a> {
 }
 
 impl<'a> ProposalContext<'a> {
-    /// Draws from the streams of (`seed`, `step`), which nothing else may draw from; the first update, of no particles.
+    /// Draws from the streams of (`seed`, `step`), which nothing else may draw from; the first update of a belief that says nothing.
     pub fn new(free_space: &'a FreeSpace, estimate: Se2, par: Par, seed: Seed, step: u64) -> Self {
-        Self { free_space, estimate, particles: 0, updates: 0, odom_from_base: Se2::identity(), par, seed, step }
+        let odom_from_base = Se2::identity();
+        Self { free_space, estimate, particles: 0, is_narrow: false, updates: 0, odom_from_base, par, seed, step }
     }
 
-    /// The same for a set of so many particles after so many updates, with the odometry summed up.
+    /// The same after so many updates, with the odometry summed up.
     #[must_use]
-    pub const fn after(self, updates: u64, odom_from_base: Se2, particles: usize) -> Self {
-        Self { particles, updates, odom_from_base, ..self }
+    pub const fn after(self, updates: u64, odom_from_base: Se2) -> Self {
+        Self { updates, odom_from_base, ..self }
+    }
+
+    /// The same for a set of so many particles.
+    #[must_use]
+    pub const fn of_particles(self, particles: usize, is_narrow: bool) -> Self {
+        Self { particles, is_narrow, ..self }
     }
 
     /// The random stream of a chunk, for one `part` of the work.

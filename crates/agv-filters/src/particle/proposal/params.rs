@@ -29,8 +29,8 @@ pub struct LikelihoodSearchParams {
     pub margin: f64,
     /// Power of the likelihood that poses are drawn in proportion to, in [0, 1].
     pub power: f64,
-    /// Poses that a search may try in an update, per particle, as long as the estimate explains the observation: what was found so
-    /// far is carried on to the next one.
+    /// Poses that a search may try in an update, per particle, as long as the belief is narrow and the estimate explains the
+    /// observation: what was found so far is carried on to the next one.
     pub effort: f64,
     /// Share of explained readings below which the vehicle is lost, in [0, 1], and the search is done at once.
     pub explained: f64,
