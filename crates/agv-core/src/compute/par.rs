@@ -268,7 +268,9 @@ mod tests {
             let negated: Vec<f64> = values.iter().map(|v| -v).collect();
             let sum = Par::threads(threads).map_reduce_chunks(values.as_mut_slice(), chunk_len, |index, chunk: &mut [f64]| {
                 let sum: f64 = chunk.iter().sum();
-                chunk.iter_mut().for_each(|v| *v = -*v);
+                for value in chunk.iter_mut() {
+                    *value = -*value;
+                }
                 assert_eq!(sum.to_bits(), chunks[index].to_bits());
                 sum
             }, |a, b| a + b);

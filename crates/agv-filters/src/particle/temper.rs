@@ -55,7 +55,7 @@ impl ParticleSet {
             |_, (log_weights, log_likelihoods): (&[f64], &[f64])| {
                 let mut terms = [0.0; CHUNK];
                 let terms = &mut terms[..log_weights.len()];
-                arch.dispatch(Terms { log_weights, log_likelihoods, power, terms });
+                arch.dispatch(Tempered { log_weights, log_likelihoods, power, terms });
                 WeightSums::of(terms, &[0.0; CHUNK][..terms.len()], arch)
             },
             WeightSums::with,
@@ -65,14 +65,14 @@ impl ParticleSet {
 }
 
 /// Logarithms of the weights that hold the observation, if it counted with a power.
-struct Terms<'a> {
+struct Tempered<'a> {
     log_weights: &'a [f64],
     log_likelihoods: &'a [f64],
     power: f64,
     terms: &'a mut [f64],
 }
 
-impl WithSimd for Terms<'_> {
+impl WithSimd for Tempered<'_> {
     type Output = ();
 
     #[inline(always)]
