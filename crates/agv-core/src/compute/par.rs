@@ -77,6 +77,32 @@ impl Par {
     ) -> Option<A> {
         (count > 0).then(|| reduce_span(0, count, pieces(self.count().min(count)), &map, &combine))
     }
+
+    /// Maps consecutive chunks of `chunk_len` entries (the last may be shorter), which `map(index, chunk)` may change, and combines
+    /// the results as [`map_reduce`](Self::map_reduce) does; `None` if there are no entries.
+    ///
+    /// A loop and the sums over what it wrote in one go: threads meet once instead of twice. A `chunk_len` of zero reads as one.
+    ///
+    /// ```
+    /// use agv_core::compute::Par;
+    ///
+    /// let mut values = [3.0, 1.0, 2.0];
+    /// let halve = |_, chunk: &mut [f64]| chunk.iter_mut().map(|v| { *v *= 0.5; *v }).sum::<f64>();
+    /// assert_eq!(Par::threads(2).map_reduce_chunks(&mut values[..], 2, halve, |a, b| a + b), Some(3.0));
+    /// assert_eq!(values, [1.5, 0.5, 1.0]);
+    /// ```
+    pub fn map_reduce_chunks<S: Split, A: Send>(
+        self,
+        data: S,
+        chunk_len: usize,
+        map: impl Fn(usize, S) -> A + Sync,
+        combine: impl Fn(A, A) -> A + Sync,
+    ) -> Option<A> {
+        let chunk_len = chunk_len.max(1);
+        let chunks = data.len().div_ceil(chunk_len);
+        let pieces = pieces(self.count().min(chunks.max(1)));
+        (chunks > 0).then(|| reduce_chunks(data, 0, chunks, chunk_len, pieces, &map, &combine))
+    }
 }
 
 /// Chunks and threads of the left part, in proportion. No thread gets more than its share rounded up, since
@@ -134,6 +160,29 @@ fn reduce_span<A: Send>(
         pieces > 1,
         || reduce_span(first, half, pieces / 2, map, combine),
         || reduce_span(first + half, count - half, pieces / 2, map, combine),
+    );
+    combine(left, right)
+}
+
+/// As [`reduce_span`], in the same tree.
+fn reduce_chunks<S: Split, A: Send>(
+    data: S,
+    first: usize,
+    chunks: usize,
+    chunk_len: usize,
+    pieces: usize,
+    map: &(impl Fn(usize, S) -> A + Sync),
+    combine: &(impl Fn(A, A) -> A + Sync),
+) -> A {
+    if chunks == 1 {
+        return map(first, data);
+    }
+    let half = chunks / 2;
+    let (left, right) = data.split_at(half * chunk_len);
+    let (left, right) = join(
+        pieces > 1,
+        || reduce_chunks(left, first, half, chunk_len, pieces / 2, map, combine),
+        || reduce_chunks(right, first + half, chunks - half, chunk_len, pieces / 2, map, combine),
     );
     combine(left, right)
 }
@@ -208,6 +257,25 @@ mod tests {
             for threads in [2, 3, 4, 5, 6, 64] {
                 prop_assert_eq!(sum(threads).map(f64::to_bits), reference);
             }
+        }
+
+        /// Chunks that are changed are those of the plain loop, and their results are combined in the plain reduction's tree.
+        #[test]
+        fn chunks_are_mapped_and_reduced_at_once(mut values in prop::collection::vec(-1e6..1e6_f64, 0..2000), chunk_len in 0_usize..300, threads in 1_usize..9) {
+            let len = chunk_len.max(1);
+            let chunks: Vec<f64> = values.chunks(len).map(|chunk| chunk.iter().sum()).collect();
+            let expected = Par::Seq.map_reduce(chunks.len(), |i| chunks[i], |a, b| a + b);
+            let negated: Vec<f64> = values.iter().map(|v| -v).collect();
+            let sum = Par::threads(threads).map_reduce_chunks(values.as_mut_slice(), chunk_len, |index, chunk: &mut [f64]| {
+                let sum: f64 = chunk.iter().sum();
+                for value in chunk.iter_mut() {
+                    *value = -*value;
+                }
+                assert_eq!(sum.to_bits(), chunks[index].to_bits());
+                sum
+            }, |a, b| a + b);
+            prop_assert_eq!(sum.map(f64::to_bits), expected.map(f64::to_bits));
+            prop_assert_eq!(values, negated);
         }
 
         /// The parts are combined in order, so that a combine that does not commute is served.

@@ -52,7 +52,7 @@ pub use motion::{
 };
 pub use proposal::{
     LikelihoodSearch, LikelihoodSearchParams, MarkerProposal, ObservedPose, PoseProposal, ProposalContext,
-    UniformProposal,
+    ResumableProposal, SearchState, UniformProposal,
 };
 pub use recovery::{Recovery, RecoveryParams};
 pub use resample::{Multinomial, Resampler, Residual, Stratified, Systematic};

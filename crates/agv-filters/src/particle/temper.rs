@@ -6,8 +6,11 @@
 //! particle filters: Deutscher and Reid 2005; of tempered sequential samplers: Del Moral, Doucet and Jasra 2006). The next
 //! observations tell the places apart.
 
-use super::{ParticleSet, WeightSummary, set::chunk_of};
+#![expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set found at run time")]
+
+use super::{ParticleSet, WeightSummary, set::WeightSums};
 use agv_core::compute::{CHUNK, Par};
+use pulp::{Arch, Simd, WithSimd};
 
 /// Steps of the bisection: the power is found to 1/4096.
 const STEPS: usize = 12;
@@ -45,25 +48,41 @@ impl ParticleSet {
 
     /// Effective number of particles if the observation, which the weights hold, counted with this power.
     fn effective_at(&self, log_likelihoods: &[f64], power: f64, par: Par) -> f64 {
-        let log_weights = self.log_weights();
-        let term = |(&log_weight, &likelihood): (&f64, &f64)| {
-            if likelihood.is_finite() { log_weight + (power - 1.0) * likelihood } else { f64::NEG_INFINITY }
-        };
-        let chunks = self.len().div_ceil(CHUNK);
-        let pairs = |chunk: usize| chunk_of(log_weights, chunk).iter().zip(chunk_of(log_likelihoods, chunk));
-        let peak = par.map_reduce(chunks, |chunk| pairs(chunk).map(term).fold(f64::NEG_INFINITY, f64::max), f64::max);
-        let Some(peak) = peak.filter(|peak| peak.is_finite()) else { return 0.0 };
-        let sums = par.map_reduce(
-            chunks,
-            |chunk| {
-                pairs(chunk).map(term).fold([0.0; 2], |[sum, squares], term| {
-                    let weight = (term - peak).exp();
-                    [sum + weight, squares + weight * weight]
-                })
+        let (data, arch) = ((self.log_weights(), log_likelihoods), Arch::new());
+        let sums = par.map_reduce_chunks(
+            data,
+            CHUNK,
+            |_, (log_weights, log_likelihoods): (&[f64], &[f64])| {
+                let mut terms = [0.0; CHUNK];
+                let terms = &mut terms[..log_weights.len()];
+                arch.dispatch(Tempered { log_weights, log_likelihoods, power, terms });
+                WeightSums::of(terms, &[0.0; CHUNK][..terms.len()], arch)
             },
-            |a, b| [a[0] + b[0], a[1] + b[1]],
+            WeightSums::with,
         );
-        sums.map_or(0.0, |[sum, squares]| sum * sum / squares)
+        sums.map_or(0.0, |sums| sums.effective_sample_size())
+    }
+}
+
+/// Logarithms of the weights that hold the observation, if it counted with a power.
+struct Tempered<'a> {
+    log_weights: &'a [f64],
+    log_likelihoods: &'a [f64],
+    power: f64,
+    terms: &'a mut [f64],
+}
+
+impl WithSimd for Tempered<'_> {
+    type Output = ();
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) {
+        let values = self.log_weights.iter().zip(self.log_likelihoods);
+        for (term, (&log_weight, &likelihood)) in self.terms.iter_mut().zip(values) {
+            let rest = log_weight + (self.power - 1.0) * likelihood;
+            // What is impossible stays so.
+            *term = if likelihood > f64::NEG_INFINITY { rest } else { f64::NEG_INFINITY };
+        }
     }
 }
 

@@ -1,7 +1,7 @@
 //! The state of a running filter, to store and to resume from.
 
 use super::{Amcl, doubts::SensorDoubt};
-use crate::particle::{Hypothesis, MclCheckpoint, Recovery};
+use crate::particle::{Hypothesis, MclCheckpoint, Recovery, ResumableProposal, SearchState};
 use agv_core::Error;
 
 /// All of an [`Amcl`] that changes as it runs; models, map and policies are the caller's, as for an [`MclCheckpoint`].
@@ -11,9 +11,10 @@ pub struct AmclCheckpoint {
     fresh_doubt: Recovery,
     doubts: Vec<SensorDoubt>,
     hypotheses: Vec<Hypothesis>,
+    search: Option<SearchState>,
 }
 
-impl<M, S, G, R, P, U> Amcl<M, S, G, R, P, U> {
+impl<M, S, G: ResumableProposal, R, P, U> Amcl<M, S, G, R, P, U> {
     /// The state of the filter.
     pub fn checkpoint(&self) -> AmclCheckpoint {
         let (fresh_doubt, doubts) = self.adaptation.doubts.entries();
@@ -22,6 +23,7 @@ impl<M, S, G, R, P, U> Amcl<M, S, G, R, P, U> {
             fresh_doubt,
             doubts: doubts.to_vec(),
             hypotheses: self.adaptation.hypotheses.clone(),
+            search: self.adaptation.proposal.state(),
         }
     }
 
@@ -34,6 +36,7 @@ impl<M, S, G, R, P, U> Amcl<M, S, G, R, P, U> {
         self.adaptation.doubts.restore(checkpoint.fresh_doubt, &checkpoint.doubts);
         self.adaptation.hypotheses.clear();
         self.adaptation.hypotheses.extend_from_slice(&checkpoint.hypotheses);
+        self.adaptation.proposal.resume(checkpoint.search.as_ref());
         Ok(())
     }
 }

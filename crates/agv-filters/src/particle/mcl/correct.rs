@@ -17,6 +17,7 @@ use agv_core::{
     sensors::Observation,
 };
 use nalgebra::Matrix3;
+use pulp::Arch;
 
 /// What an adaptive filter does differently.
 pub(in crate::particle) trait Adapt<Z: ?Sized, S: ?Sized> {
@@ -135,16 +136,30 @@ where
     {
         let seed = self.seed_for(Draw::Motion);
         let Belief { particles, pending, step, .. } = &mut self.belief;
-        if let Some(motion) = pending {
-            let (model, motion) = (&self.motion, &*motion);
-            particles.propose(self.par, |chunk, poses, moved| {
-                model.propagate(motion, poses, moved, &mut seed.stream(*step, chunk as u64));
+        let (model, motion, par) = (&self.motion, &*pending, self.par);
+        let log_likelihoods = &mut self.log_likelihoods[..particles.len()];
+        let moves = |chunk: usize, poses: &[Se2], moved: &mut [Se2]| match motion {
+            Some(motion) => model.propagate(motion, poses, moved, &mut seed.stream(*step, chunk as u64)),
+            None => moved.copy_from_slice(poses),
+        };
+        // Where the sensor judges pose by pose, a chunk is moved, weighed and summed up in one go: threads meet once.
+        let arch = Arch::new();
+        let mut sums = None;
+        let judged = self.sensor.with_likelihood(observation, &mut |likelihood| {
+            sums = particles.propose_weighed(log_likelihoods, par, arch, |chunk, poses, moved, logs| {
+                moves(chunk, poses, moved);
+                likelihood.log_likelihoods(moved, logs);
             });
-        }
-        let poses = if pending.is_some() { particles.proposed() } else { particles.states() };
-        let log_likelihoods = &mut self.log_likelihoods[..poses.len()];
-        self.sensor.weigh(observation, poses, log_likelihoods, self.par)?;
-        let weights = particles.reweigh(log_likelihoods, self.par).ok_or(SkipReason::Unexplained)?;
+        });
+        let weights = if let Some(judged) = judged {
+            judged?;
+            sums.and_then(|sums| particles.take_in(log_likelihoods, &sums, par, arch))
+        } else {
+            particles.propose(par, moves);
+            self.sensor.weigh(observation, particles.proposed(), log_likelihoods, par)?;
+            particles.reweigh(log_likelihoods, par)
+        };
+        let weights = weights.ok_or(SkipReason::Unexplained)?;
         if pending.take().is_some() {
             particles.adopt();
             *step = step.wrapping_add(1);
@@ -163,10 +178,7 @@ where
     where
         S: WeighParticles<Z>,
     {
-        let StatusParams { narrow_position, narrow_rotation, .. } = *self.belief.monitor.params();
-        let is_narrow =
-            moments.position_deviation() < narrow_position && moments.rotation_deviation() < narrow_rotation;
-        if !(self.refine && is_narrow) {
+        if !(self.refine && is_narrow(&moments, self.belief.monitor.params())) {
             return Ok(moments);
         }
         let guess = UncertainPose::new(*moments.mean(), *known)?;
@@ -192,16 +204,20 @@ where
     {
         let seeds = [Draw::SampleSize, Draw::Resampling, Draw::Proposal].map(|draw| self.seed_for(draw));
         let [size_seed, seed, proposal_seed] = seeds;
-        let Belief { particles, step, drawn, diagnostics, odom_from_base, known, .. } = &mut self.belief;
+        let Belief { particles, step, drawn, diagnostics, odom_from_base, known, monitor, .. } = &mut self.belief;
         let estimate = known.map_or_else(Se2::identity, |known| *known.pose.mean());
+        let is_narrow = known.is_some_and(|known| is_narrow(&known.pose, monitor.params()));
         drawn.updates = drawn.updates.saturating_add(1);
         let motion = drawn.odom_from_base.between(odom_from_base);
         let context = ResampleContext::new(weights, particles.len(), drawn.updates, motion);
         let resampled = self.rules.resample.is_due(&context) || share > 0.0;
         let mut fresh = 0;
         if resampled {
-            let most = (share * particles.capacity() as f64).round() as usize;
+            // No more than a set of twice the size holds: what is not looked at need not be drawn.
+            let room = particles.capacity().min(2 * particles.len());
+            let most = (share * room as f64).round() as usize;
             let context = ProposalContext::new(&self.free_space, estimate, self.par, proposal_seed, *step);
+            let context = context.after(diagnostics.updates, *odom_from_base).of_particles(particles.len(), is_narrow);
             let proposed = if most > 0 { adapt.propose(observation, &mut self.sensor, &context, most) } else { &[] };
             let stream = &mut size_seed.stream(*step, 0);
             let count = self.rules.size.sample_size_with(particles, proposed, share, stream);
@@ -219,4 +235,9 @@ where
             MclDiagnostics { weights, resampled, degrees, updates: diagnostics.updates.saturating_add(1), fresh };
         2 * fresh > particles.len()
     }
+}
+
+/// Whether a belief is as narrow as that of a vehicle that is tracked.
+fn is_narrow(pose: &UncertainPose<Se2>, params: &StatusParams) -> bool {
+    pose.position_deviation() < params.narrow_position && pose.rotation_deviation() < params.narrow_rotation
 }

@@ -1,7 +1,10 @@
 //! Where new particles come from, when they do not come from the old ones.
 
+mod advance;
 mod markers;
+mod params;
 mod search;
+mod state;
 
 use super::{FreeSpace, gaussian::PoseGaussian};
 use agv_core::{
@@ -11,7 +14,10 @@ use agv_core::{
 };
 
 pub use markers::MarkerProposal;
-pub use search::{LikelihoodSearch, LikelihoodSearchParams};
+pub use params::LikelihoodSearchParams;
+pub use search::LikelihoodSearch;
+use state::Place;
+pub use state::SearchState;
 
 /// What a [`PoseProposal`] may use beside the observation and the sensor's model.
 #[derive(Debug, Clone, Copy)]
@@ -21,6 +27,14 @@ pub struct ProposalContext<'a> {
     pub free_space: &'a FreeSpace,
     /// Where the vehicle is taken to be.
     pub estimate: Se2,
+    /// Particles of the set: what the update spends anyway.
+    pub particles: usize,
+    /// Whether the belief is narrow: the vehicle is tracked, if it is where it is taken to be.
+    pub is_narrow: bool,
+    /// Updates applied before this one since the belief was given.
+    pub updates: u64,
+    /// The base in the frame that the odometry is summed up in: what the vehicle has moved since an earlier call.
+    pub odom_from_base: Se2,
     /// How its loops run.
     pub par: Par,
     seed: Seed,
@@ -28,9 +42,22 @@ pub struct ProposalContext<'a> {
 }
 
 impl<'a> ProposalContext<'a> {
-    /// Draws from the streams of (`seed`, `step`), which nothing else may draw from.
-    pub const fn new(free_space: &'a FreeSpace, estimate: Se2, par: Par, seed: Seed, step: u64) -> Self {
-        Self { free_space, estimate, par, seed, step }
+    /// Draws from the streams of (`seed`, `step`), which nothing else may draw from; the first update of a belief that says nothing.
+    pub fn new(free_space: &'a FreeSpace, estimate: Se2, par: Par, seed: Seed, step: u64) -> Self {
+        let odom_from_base = Se2::identity();
+        Self { free_space, estimate, particles: 0, is_narrow: false, updates: 0, odom_from_base, par, seed, step }
+    }
+
+    /// The same after so many updates, with the odometry summed up.
+    #[must_use]
+    pub const fn after(self, updates: u64, odom_from_base: Se2) -> Self {
+        Self { updates, odom_from_base, ..self }
+    }
+
+    /// The same for a set of so many particles.
+    #[must_use]
+    pub const fn of_particles(self, particles: usize, is_narrow: bool) -> Self {
+        Self { particles, is_narrow, ..self }
     }
 
     /// The random stream of a chunk, for one `part` of the work.
@@ -79,6 +106,33 @@ pub trait PoseProposal<Z: ?Sized, S: ?Sized> {
         doubted
     }
 }
+
+/// What a proposal remembers from update to update, for checkpoints: by default nothing.
+///
+/// An [`Amcl`](super::Amcl) whose proposal is of this kind can be stored and resumed.
+///
+/// ```
+/// use agv_filters::particle::ResumableProposal;
+///
+/// struct Charger;
+/// impl ResumableProposal for Charger {}
+/// assert!(Charger.state().is_none());
+/// ```
+pub trait ResumableProposal {
+    /// What is to be stored.
+    fn state(&self) -> Option<SearchState> {
+        None
+    }
+
+    /// Takes what was stored; none is a search that has not begun.
+    fn resume(&mut self, state: Option<&SearchState>) {
+        let _ = state;
+    }
+}
+
+impl ResumableProposal for UniformProposal {}
+
+impl ResumableProposal for ObservedPose {}
 
 /// Proposes any pose in free space, with equal density: Augmented MCL as it is in the textbook and in `nav2_amcl`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]

@@ -6,10 +6,11 @@
 //! all of them are to be proposed, and later scans choose. (Lenser and Veloso 2000 draw from the sensor's model for the same
 //! purpose; Thrun, Fox, Burgard and Dellaert 2001 call it the dual of the particle filter.)
 
-use super::{ObservedPose, PoseProposal, ProposalContext};
-use crate::particle::{PoseBins, PoseHistogram, WeighParticles};
+use super::{LikelihoodSearchParams, ObservedPose, PoseProposal, ProposalContext, ResumableProposal, SearchState};
+use crate::particle::{PoseHistogram, WeighParticles};
 use agv_core::{
-    Error, check,
+    Error,
+    compute::Stream,
     geometry::{LieGroup, Se2, UncertainPose},
     sensors::{LaserScan, PoseObservation},
 };
@@ -17,93 +18,29 @@ use nalgebra::Vector3;
 use rand::RngExt;
 use rand_distr::{Distribution, StandardNormal};
 
-/// Parameters of a [`LikelihoodSearch`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct LikelihoodSearchParams {
-    /// Candidates per square metre of free space.
-    pub density: f64,
-    /// Most candidates of a search.
-    pub max_candidates: usize,
-    /// Bins of which one candidate each is refined.
-    pub bins: PoseBins,
-    /// Most candidates that are refined.
-    pub refined: usize,
-    /// Rounds of refinement.
-    pub rounds: u32,
-    /// Poses that are tried around each in a round.
-    pub trials: usize,
-    /// Standard deviation of the first round's trials, in metres; it halves from round to round.
-    pub spread: f64,
-    /// The same of the heading, in radians.
-    pub turn: f64,
-    /// By how much the log-likelihood of a place may fall short of the estimate's and still be proposed: a search that finds
-    /// nothing as good disturbs nothing.
-    pub margin: f64,
-    /// Power of the likelihood that poses are drawn in proportion to, in [0, 1].
-    pub power: f64,
-}
-
-impl Default for LikelihoodSearchParams {
-    /// A candidate each 0.5 m and 10°, 144 per square metre, of which at most 30 000 are tried at once: 60 beams of them
-    /// take some milliseconds, and a search that misses is repeated with the next scan. 100 are refined, to 3 cm and 1°.
-    /// What is twenty times less likely than the estimate is not proposed.
-    fn default() -> Self {
-        Self {
-            density: 144.0,
-            max_candidates: 30_000,
-            bins: PoseBins::default(),
-            refined: 100,
-            rounds: 4,
-            trials: 12,
-            spread: 0.2,
-            turn: 0.1,
-            margin: 3.0,
-            power: 0.2,
-        }
-    }
-}
-
-impl LikelihoodSearchParams {
-    /// Checks all fields.
-    ///
-    /// # Errors
-    /// A density, spread or turn that is not finite and positive; no candidates, or more than 16 million of them, of refined
-    /// ones or of trials; more than 30 rounds; a power outside [0, 1].
-    pub fn validate(&self) -> Result<(), Error> {
-        const MOST: f64 = 16e6;
-        check::positive("search density", self.density)?;
-        check::in_range("max_candidates", self.max_candidates as f64, 1.0, MOST)?;
-        check::in_range("refined", self.refined as f64, 1.0, MOST)?;
-        check::in_range("trials", self.refined as f64 * self.trials as f64, 0.0, MOST)?;
-        check::in_range("rounds", f64::from(self.rounds), 0.0, 30.0)?;
-        check::positive("search spread", self.spread)?;
-        check::positive("search turn", self.turn)?;
-        check::non_negative("search margin", self.margin)?;
-        check::in_range("search power", self.power, 0.0, 1.0)?;
-        self.bins.validate()
-    }
-}
-
 /// Proposes poses that explain the scan; pose observations are drawn from as they are.
 ///
 /// O(candidates x beams); all memory is allocated at construction.
 #[derive(Debug, Clone)]
 pub struct LikelihoodSearch {
-    params: LikelihoodSearchParams,
-    candidates: Vec<Se2>,
+    pub(super) params: LikelihoodSearchParams,
+    pub(super) candidates: Vec<Se2>,
     log_likelihoods: Vec<f64>,
     order: Vec<u32>,
     histogram: PoseHistogram,
-    found: Vec<Found>,
+    pub(super) found: Vec<Found>,
+    /// How often the first of the candidates were refined already.
+    pub(super) rounds: Vec<u32>,
     cumulative: Vec<f64>,
+    pub(super) state: SearchState,
 }
 
-/// A pose with its log-likelihood.
+/// A pose with its log-likelihood, and how often it was refined.
 #[derive(Debug, Clone, Copy)]
-struct Found {
-    pose: Se2,
-    log_likelihood: f64,
+pub(super) struct Found {
+    pub(super) pose: Se2,
+    pub(super) log_likelihood: f64,
+    pub(super) rounds: u32,
 }
 
 impl LikelihoodSearch {
@@ -113,7 +50,7 @@ impl LikelihoodSearch {
     /// Parameters that [`validate`](LikelihoodSearchParams::validate) refuses.
     pub fn new(params: LikelihoodSearchParams) -> Result<Self, Error> {
         params.validate()?;
-        let most = params.max_candidates.max(params.refined * params.trials);
+        let most = (params.max_candidates + params.refined).max(params.refined * params.trials);
         Ok(Self {
             params,
             candidates: Vec::with_capacity(most),
@@ -121,7 +58,9 @@ impl LikelihoodSearch {
             order: Vec::with_capacity(most),
             histogram: PoseHistogram::new(params.bins)?.with_capacity(params.refined),
             found: Vec::with_capacity(params.refined),
+            rounds: Vec::with_capacity(params.refined),
             cumulative: Vec::with_capacity(params.refined),
+            state: SearchState { places: Vec::with_capacity(params.refined), ..SearchState::default() },
         })
     }
 
@@ -135,6 +74,11 @@ impl LikelihoodSearch {
         self.found.iter().map(|found| (&found.pose, found.log_likelihood))
     }
 
+    /// Candidates of a whole search.
+    pub(super) fn count(&self, context: &ProposalContext<'_>) -> usize {
+        ((context.free_space.area() * self.params.density) as usize).clamp(1, self.params.max_candidates)
+    }
+
     /// Searches all free space; returns how many places were found, none if the observation weighs nothing.
     pub fn search<Z: ?Sized, S: WeighParticles<Z> + ?Sized>(
         &mut self,
@@ -143,23 +87,28 @@ impl LikelihoodSearch {
         context: &ProposalContext<'_>,
     ) -> usize {
         self.found.clear();
-        let space = context.free_space;
-        let count = ((space.area() * self.params.density) as usize).clamp(1, self.params.max_candidates);
+        self.rounds.clear();
+        let (space, count) = (context.free_space, self.count(context));
         self.candidates.clear();
         self.candidates.resize(count, Se2::identity());
         context.fill(1, &mut self.candidates, |index, stream| space.sample_stratum(index, count, stream));
         if self.weigh(observation, sensor, context) {
-            self.keep_best();
-            for round in 0..self.params.rounds {
-                self.refine(round, observation, sensor, context);
+            self.keep_best(self.params.refined);
+            for _ in 0..self.params.rounds {
+                self.refine(observation, sensor, context);
             }
-            self.found.sort_unstable_by(|a, b| b.log_likelihood.total_cmp(&a.log_likelihood));
+            self.sort_found();
         }
         self.found.len()
     }
 
+    /// By falling likelihood.
+    pub(super) fn sort_found(&mut self) {
+        self.found.sort_unstable_by(|a, b| b.log_likelihood.total_cmp(&a.log_likelihood));
+    }
+
     /// Weighs the candidates; whether it could be done.
-    fn weigh<Z: ?Sized, S: WeighParticles<Z> + ?Sized>(
+    pub(super) fn weigh<Z: ?Sized, S: WeighParticles<Z> + ?Sized>(
         &mut self,
         observation: &Z,
         sensor: &mut S,
@@ -170,14 +119,14 @@ impl LikelihoodSearch {
         sensor.weigh(observation, &self.candidates, &mut self.log_likelihoods, context.par).is_ok()
     }
 
-    /// The best candidate of each bin, of the best bins among the best candidates.
-    fn keep_best(&mut self) {
+    /// The best candidate of each bin, of so many best bins among the best candidates.
+    pub(super) fn keep_best(&mut self, most: usize) {
         let logs = &self.log_likelihoods;
         let by_likelihood = |a: &u32, b: &u32| logs[*b as usize].total_cmp(&logs[*a as usize]).then(a.cmp(b));
         self.order.clear();
         self.order.extend(0..self.candidates.len() as u32);
         // Several candidates share a bin near a good pose: look at more of them than are kept.
-        let looked_at = (8 * self.params.refined).min(self.order.len());
+        let looked_at = (8 * most).min(self.order.len());
         if looked_at < self.order.len() {
             self.order.select_nth_unstable_by(looked_at, by_likelihood);
         }
@@ -189,34 +138,33 @@ impl LikelihoodSearch {
             let bins = self.histogram.len();
             let is_new = self.histogram.insert(&pose, 1.0) == bins;
             if is_new && log_likelihood.is_finite() {
-                self.found.push(Found { pose, log_likelihood });
+                let rounds = self.rounds.get(index as usize).copied().unwrap_or(0);
+                self.found.push(Found { pose, log_likelihood, rounds });
             }
-            if self.found.len() == self.params.refined || self.histogram.len() == self.params.refined {
+            if self.histogram.len() == most {
                 break;
             }
         }
     }
 
-    /// Tries poses around each that was found, and moves it to the best.
-    fn refine<Z: ?Sized, S: WeighParticles<Z> + ?Sized>(
+    /// Tries poses around each that was found, and moves it to the best: a round nearer than the last.
+    pub(super) fn refine<Z: ?Sized, S: WeighParticles<Z> + ?Sized>(
         &mut self,
-        round: u32,
         observation: &Z,
         sensor: &mut S,
         context: &ProposalContext<'_>,
     ) {
-        let (trials, found) = (self.params.trials, &self.found);
-        if trials == 0 {
+        let (params, trials, found) = (&self.params, self.params.trials, &self.found);
+        if trials == 0 || params.rounds == 0 {
             return;
         }
-        let scale = self.scale(round);
+        let part = 2 + u64::from(found.iter().map(|found| found.rounds).max().unwrap_or(0));
         self.candidates.clear();
         self.candidates.resize(found.len() * trials, Se2::identity());
-        context.fill(2 + u64::from(round), &mut self.candidates, |index, stream| {
-            found[index / trials].pose.plus(&scale.map(|sigma| {
-                let z: f64 = StandardNormal.sample(stream);
-                sigma * z
-            }))
+        context.fill(part, &mut self.candidates, |index, stream| {
+            let found = &found[index / trials];
+            // A place that is carried on over many updates stays at the last round.
+            found.pose.plus(&noise(&params.scale(found.rounds.min(params.rounds - 1)), stream))
         });
         if !self.weigh(observation, sensor, context) {
             return;
@@ -225,37 +173,55 @@ impl LikelihoodSearch {
         for (found, (poses, logs)) in self.found.iter_mut().zip(tried) {
             for (&pose, &log_likelihood) in poses.iter().zip(logs) {
                 if log_likelihood > found.log_likelihood {
-                    *found = Found { pose, log_likelihood };
+                    *found = Found { pose, log_likelihood, ..*found };
                 }
             }
+            found.rounds = (found.rounds + 1).min(self.params.rounds);
         }
     }
 
-    /// Standard deviations of a round's trials.
-    fn scale(&self, round: u32) -> Vector3<f64> {
-        let LikelihoodSearchParams { spread, turn, .. } = self.params;
-        Vector3::new(spread, spread, turn) * 0.5_f64.powi(round as i32)
-    }
-
-    /// Draws poses from what was found, with the spread that the last round left.
-    fn draw(&mut self, context: &ProposalContext<'_>, poses: &mut [Se2]) -> usize {
-        let Some(best) = self.found.first().map(|found| found.log_likelihood) else { return 0 };
-        let (power, mut total) = (self.params.power, 0.0);
+    /// Draws poses from what was found and is no less likely, with the spread that the last round left.
+    fn draw(&mut self, least: f64, context: &ProposalContext<'_>, poses: &mut [Se2]) -> usize {
+        let found = &self.found[..self.found.partition_point(|found| found.log_likelihood >= least)];
+        let Some(best) = found.first().map(|found| found.log_likelihood) else { return 0 };
+        let (params, mut total) = (&self.params, 0.0);
+        let power = params.power;
         self.cumulative.clear();
-        self.cumulative.extend(self.found.iter().map(|found| {
+        self.cumulative.extend(found.iter().map(|found| {
             total += (power * (found.log_likelihood - best)).exp();
             total
         }));
-        let (found, cumulative, scale) = (&self.found, &self.cumulative, self.scale(self.params.rounds));
+        let cumulative = &self.cumulative;
         context.fill(0, poses, |_, stream| {
             let at = stream.random::<f64>() * total;
-            let index = cumulative.partition_point(|&sum| sum <= at).min(found.len() - 1);
-            found[index].pose.plus(&scale.map(|sigma| {
-                let z: f64 = StandardNormal.sample(stream);
-                sigma * z
-            }))
+            let found = &found[cumulative.partition_point(|&sum| sum <= at).min(found.len() - 1)];
+            found.pose.plus(&noise(&params.scale(found.rounds), stream))
         });
         poses.len()
+    }
+}
+
+/// Draws with these standard deviations.
+fn noise(scale: &Vector3<f64>, stream: &mut Stream) -> Vector3<f64> {
+    scale.map(|sigma| {
+        let z: f64 = StandardNormal.sample(stream);
+        sigma * z
+    })
+}
+
+impl ResumableProposal for LikelihoodSearch {
+    fn state(&self) -> Option<SearchState> {
+        Some(self.state.clone())
+    }
+
+    fn resume(&mut self, state: Option<&SearchState>) {
+        let places = std::mem::take(&mut self.state.places);
+        self.state = SearchState {
+            places,
+            ..state.map_or_else(SearchState::default, |state| SearchState { places: Vec::new(), ..*state })
+        };
+        self.state.places.clear();
+        self.state.places.extend(state.iter().flat_map(|state| &state.places).take(self.params.refined));
     }
 }
 
@@ -267,12 +233,14 @@ impl<S: WeighParticles<LaserScan> + ?Sized> PoseProposal<LaserScan, S> for Likel
         context: &ProposalContext<'_>,
         poses: &mut [Se2],
     ) -> usize {
-        self.search(observation, sensor, context);
+        match self.budget(observation, sensor, context) {
+            Some(tried) => self.advance(observation, sensor, context, tried),
+            None => self.search_at_once(observation, sensor, context),
+        };
         let mut there = [f64::NEG_INFINITY];
-        if sensor.weigh(observation, &[context.estimate], &mut there, context.par).is_ok() {
-            self.found.retain(|found| found.log_likelihood + self.params.margin >= there[0]);
-        }
-        self.draw(context, poses)
+        let is_weighed = sensor.weigh(observation, &[context.estimate], &mut there, context.par).is_ok();
+        let least = if is_weighed { there[0] - self.params.margin } else { f64::NEG_INFINITY };
+        self.draw(least, context, poses)
     }
 }
 
@@ -296,7 +264,7 @@ impl<S: ?Sized> PoseProposal<PoseObservation<Se2>, S> for LikelihoodSearch {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::particle::FreeSpace;
+    use crate::particle::{FreeSpace, PoseBins};
     use agv_core::{
         compute::{Par, Seed},
         grid::{CellState, Grid, GridLayout},
@@ -334,7 +302,7 @@ mod tests {
             assert!(nearest < 0.05, "{nearest}");
         }
         let mut poses = vec![Se2::identity(); 4000];
-        assert_eq!(search.draw(&context, &mut poses), 4000);
+        assert_eq!(search.draw(f64::NEG_INFINITY, &context, &mut poses), 4000);
         let near = |(x, y, yaw): (f64, f64, f64)| {
             poses.iter().filter(|pose| pose.minus(&Se2::new(x, y, yaw)).norm() < 0.4).count() as f64
         };
@@ -349,7 +317,7 @@ mod tests {
         let mut search = LikelihoodSearch::new(LikelihoodSearchParams::default()).unwrap();
         let context = ProposalContext::new(&space, Se2::identity(), Par::Seq, Seed(1), 0);
         assert_eq!(search.search(&(), &mut Peaks(f64::NAN), &context), 0);
-        assert_eq!(search.draw(&context, &mut [Se2::identity(); 5]), 0);
+        assert_eq!(search.draw(f64::NEG_INFINITY, &context, &mut [Se2::identity(); 5]), 0);
     }
 
     #[test]

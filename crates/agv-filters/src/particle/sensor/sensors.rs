@@ -1,6 +1,6 @@
 //! Several kinds of observations on one filter.
 
-use super::WeighParticles;
+use super::{PoseLikelihood, WeighParticles};
 use agv_core::{
     compute::Par,
     geometry::{Se2, UncertainPose},
@@ -61,6 +61,14 @@ macro_rules! weigh_by_field {
                 par: Par,
             ) -> Result<(), SkipReason> {
                 self.$field.weigh(observation, poses, log_likelihoods, par)
+            }
+
+            fn with_likelihood(
+                &mut self,
+                observation: &$observation,
+                judge: &mut dyn FnMut(&dyn PoseLikelihood),
+            ) -> Option<Result<(), SkipReason>> {
+                self.$field.with_likelihood(observation, judge)
             }
 
             fn explained(&mut self, observation: &$observation, map_from_base: &Se2) -> Option<f64> {

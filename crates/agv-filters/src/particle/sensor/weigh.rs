@@ -53,6 +53,20 @@ pub trait WeighParticles<Z: ?Sized> {
         par: Par,
     ) -> Result<(), SkipReason>;
 
+    /// Hands the observation, ready to judge poses, to `judge`: for filters that weigh poses as they draw them. None, without a call, if
+    /// the sensor only weighs all poses together.
+    ///
+    /// # Errors
+    /// As [`weigh`](Self::weigh), in which case `judge` is not called either.
+    fn with_likelihood(
+        &mut self,
+        observation: &Z,
+        judge: &mut dyn FnMut(&dyn PoseLikelihood),
+    ) -> Option<Result<(), SkipReason>> {
+        let _ = (observation, judge);
+        None
+    }
+
     /// The pose near `guess` that explains the observation best, `guess` being what is known without it; none if there is no
     /// better one, or the sensor cannot tell.
     ///
@@ -115,6 +129,14 @@ impl<Z: ?Sized, S: SensorModel<Z>> WeighParticles<Z> for PerPose<S> {
         weigh_each(&mut self.0, observation, poses, log_likelihoods, par)
     }
 
+    fn with_likelihood(
+        &mut self,
+        observation: &Z,
+        judge: &mut dyn FnMut(&dyn PoseLikelihood),
+    ) -> Option<Result<(), SkipReason>> {
+        Some(self.0.condition(observation).map(|likelihood| judge(&likelihood)))
+    }
+
     fn refine(&mut self, observation: &Z, guess: &UncertainPose<Se2>) -> Option<Se2> {
         self.0.refine(observation, guess)
     }
@@ -157,6 +179,14 @@ macro_rules! weigh_per_pose {
                 $crate::particle::sensor::weigh::weigh_each(self, observation, poses, log_likelihoods, par)
             }
 
+            fn with_likelihood(
+                &mut self,
+                observation: &$observation,
+                judge: &mut dyn FnMut(&dyn $crate::particle::PoseLikelihood),
+            ) -> Option<Result<(), agv_core::roles::SkipReason>> {
+                Some(self.condition(observation).map(|likelihood| judge(&likelihood)))
+            }
+
             fn refine(
                 &mut self,
                 observation: &$observation,
@@ -192,6 +222,14 @@ macro_rules! weigh_through {
                 par: Par,
             ) -> Result<(), SkipReason> {
                 (**self).weigh(observation, poses, log_likelihoods, par)
+            }
+
+            fn with_likelihood(
+                &mut self,
+                observation: &Z,
+                judge: &mut dyn FnMut(&dyn PoseLikelihood),
+            ) -> Option<Result<(), SkipReason>> {
+                (**self).with_likelihood(observation, judge)
             }
 
             fn refine(&mut self, observation: &Z, guess: &UncertainPose<Se2>) -> Option<Se2> {

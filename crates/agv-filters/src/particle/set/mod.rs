@@ -18,7 +18,9 @@ use agv_core::{
     compute::{CHUNK, Par, Stream},
     geometry::Se2,
 };
+use pulp::Arch;
 
+pub(super) use reweigh::WeightSums;
 pub use state::ParticleState;
 
 /// Weighted samples of a state, of `map_from_base` unless said otherwise.
@@ -167,6 +169,28 @@ impl<X: ParticleState> ParticleSet<X> {
         par.for_each_chunk(pairs, CHUNK, |chunk, (states, spare): (&[X], &mut [X])| write(chunk, states, spare));
     }
 
+    /// Writes a new state and a log-likelihood for each particle with `write(index of chunk, states, new states, log-likelihoods)`, as
+    /// [`propose`](Self::propose), and sums up what the weights would be with them.
+    pub(super) fn propose_weighed(
+        &mut self,
+        log_likelihoods: &mut [f64],
+        par: Par,
+        arch: Arch,
+        write: impl Fn(usize, &[X], &mut [X], &mut [f64]) + Sync,
+    ) -> Option<WeightSums> {
+        let count = self.count;
+        let data = (&self.states[..count], &mut self.spare[..count], log_likelihoods, &self.log_weights[..count]);
+        par.map_reduce_chunks(
+            data,
+            CHUNK,
+            |chunk, (states, spare, new, old): (&[X], &mut [X], &mut [f64], &[f64])| {
+                write(chunk, states, spare, new);
+                WeightSums::of(old, new, arch)
+            },
+            WeightSums::with,
+        )
+    }
+
     /// The states that were proposed last; what they are after anything else was drawn is not defined.
     pub fn proposed(&self) -> &[X] {
         &self.spare[..self.count]
@@ -248,16 +272,20 @@ impl<X: ParticleState> ParticleSet<X> {
     pub fn resample_by(&mut self, par: Par, choose: impl FnOnce(&[X], &[f64], &mut [u32]) -> usize) -> &[u32] {
         let (old, states) = (self.count, &self.states);
         let count = choose(&states[..old], &self.weights[..old], &mut self.ancestors).clamp(1, states.len());
-        let data = (&mut self.spare[..count], &mut self.ancestors[..count]);
-        par.for_each_chunk(data, CHUNK, |_, (spare, ancestors): (&mut [X], &mut [u32])| {
+        let weight = (count as f64).recip();
+        let log_weight = weight.ln();
+        let weights = (&mut self.weights[..count], &mut self.log_weights[..count]);
+        let data = (&mut self.spare[..count], &mut self.ancestors[..count], weights);
+        par.for_each_chunk(data, CHUNK, |_, (spare, ancestors, (weights, log_weights)): Drawn<'_, X>| {
             for (state, ancestor) in spare.iter_mut().zip(ancestors) {
                 *ancestor = (*ancestor).min(old as u32 - 1);
                 *state = states[*ancestor as usize];
             }
+            weights.fill(weight);
+            log_weights.fill(log_weight);
         });
         self.adopt();
         self.count = count;
-        self.equalize();
         &self.ancestors[..count]
     }
 }
@@ -271,6 +299,9 @@ impl<X: ParticleState> ParticleSet<X> {
         self.equalize();
     }
 }
+
+/// New states, where each came from, and its weight with its logarithm.
+type Drawn<'a, X> = (&'a mut [X], &'a mut [u32], (&'a mut [f64], &'a mut [f64]));
 
 /// The entries of chunk `index`.
 pub(super) fn chunk_of<T>(values: &[T], index: usize) -> &[T] {

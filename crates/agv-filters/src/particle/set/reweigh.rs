@@ -5,7 +5,7 @@
 
 #![expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set found at run time")]
 
-use super::{ParticleSet, ParticleState, chunk_of};
+use super::{ParticleSet, ParticleState};
 use crate::particle::{WeightSummary, exp::exp};
 use agv_core::compute::{CHUNK, Par};
 use pulp::{Arch, Simd, WithSimd};
@@ -23,44 +23,89 @@ impl<X: ParticleState> ParticleSet<X> {
     }
 
     fn reweigh_on(&mut self, log_likelihoods: &[f64], par: Par, arch: Arch) -> Option<WeightSummary> {
-        let count = self.count;
-        let old = &self.log_weights[..count];
-        if log_likelihoods.len() != count {
+        if log_likelihoods.len() != self.count {
             return None;
         }
-        let chunks = count.div_ceil(CHUNK);
-        let peak_of = |chunk| arch.dispatch(Peak(chunk_of(old, chunk), chunk_of(log_likelihoods, chunk)));
-        let peak = par.map_reduce(chunks, peak_of, f64::max)?;
+        let data = (&self.log_weights[..self.count], log_likelihoods);
+        let sums_of = |_, (old, new): (&[f64], &[f64])| WeightSums::of(old, new, arch);
+        let sums = par.map_reduce_chunks(data, CHUNK, sums_of, WeightSums::with)?;
+        self.take_in(log_likelihoods, &sums, par, arch)
+    }
+
+    /// Takes log-likelihoods in whose sums are known; the weights stay as they were if that cannot be.
+    pub(in crate::particle) fn take_in(
+        &mut self,
+        log_likelihoods: &[f64],
+        &WeightSums { peak, sum, squares, logs }: &WeightSums,
+        par: Par,
+        arch: Arch,
+    ) -> Option<WeightSummary> {
         if !peak.is_finite() {
             return None;
         }
-        let data = (&mut self.log_weights[..count], &mut self.weights[..count], log_likelihoods);
+        let (scale, shift) = (1.0 / sum, sum.ln());
+        let unit = peak + shift;
+        let data = (&mut self.log_weights[..self.count], &mut self.weights[..self.count], log_likelihoods);
         par.for_each_chunk(
             data,
             CHUNK,
             |_, (log_weights, weights, log_likelihoods): (&mut [f64], &mut [f64], &[f64])| {
-                arch.dispatch(Weigh { log_weights, weights, log_likelihoods, peak });
+                arch.dispatch(Weigh { log_weights, weights, log_likelihoods, unit });
             },
         );
-        let (weights, log_weights) = (&self.weights[..count], &self.log_weights[..count]);
-        let sums_of = |chunk| arch.dispatch(Sums(chunk_of(weights, chunk), chunk_of(log_weights, chunk)));
-        let sums = par.map_reduce(chunks, sums_of, |a, b| std::array::from_fn(|i| a[i] + b[i]))?;
-        let [sum, squares, logs] = sums;
-        let (scale, shift) = (1.0 / sum, sum.ln());
-        let data = (&mut self.log_weights[..count], &mut self.weights[..count]);
-        par.for_each_chunk(data, CHUNK, |_, (log_weights, weights): (&mut [f64], &mut [f64])| {
-            for (log_weight, weight) in log_weights.iter_mut().zip(weights) {
-                *log_weight -= shift;
-                *weight *= scale;
-            }
-        });
         Some(WeightSummary {
             effective_sample_size: sum * sum / squares,
             // -Σ (w / sum) ln (w / sum)
             entropy: (shift - logs * scale).max(0.0),
             max_weight: scale,
-            log_evidence: peak + shift,
+            log_evidence: unit,
         })
+    }
+}
+
+/// Sums over what weights would be after an observation, with the greatest of them as the unit.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::particle) struct WeightSums {
+    /// Logarithm of the unit; infinite if no weight is possible, or one is not a number.
+    peak: f64,
+    sum: f64,
+    squares: f64,
+    /// `Σ w ln w`
+    logs: f64,
+}
+
+impl WeightSums {
+    /// Those of a chunk, of old log-weights and log-likelihoods.
+    pub(in crate::particle) fn of(old: &[f64], new: &[f64], arch: Arch) -> Self {
+        let peak = arch.dispatch(Peak(old, new));
+        if !peak.is_finite() {
+            return Self { peak, sum: 0.0, squares: 0.0, logs: 0.0 };
+        }
+        let [sum, squares, logs] = arch.dispatch(Sums { old, new, peak });
+        Self { peak, sum, squares, logs }
+    }
+
+    /// Those of two neighbouring parts together.
+    pub(in crate::particle) fn with(self, other: Self) -> Self {
+        let peak = self.peak.max(other.peak);
+        let [a, b] = [self, other].map(|part| part.by(peak));
+        Self { peak, sum: a.sum + b.sum, squares: a.squares + b.squares, logs: a.logs + b.logs }
+    }
+
+    /// `(Σ w)² / Σ w²`; zero if no weight is possible.
+    pub(in crate::particle) fn effective_sample_size(&self) -> f64 {
+        if self.peak.is_finite() { self.sum * self.sum / self.squares } else { 0.0 }
+    }
+
+    /// The same in another unit, not below its own; of impossible ones nothing is left.
+    fn by(self, peak: f64) -> Self {
+        let below = self.peak - peak;
+        if below == 0.0 {
+            return self;
+        }
+        let factor = if below.is_finite() { below.exp() } else { 0.0 };
+        let logs = if factor > 0.0 { factor * (self.logs + below * self.sum) } else { 0.0 };
+        Self { peak, sum: factor * self.sum, squares: factor * factor * self.squares, logs }
     }
 }
 
@@ -96,12 +141,12 @@ impl WithSimd for Peak<'_> {
     }
 }
 
-/// Takes the log-likelihoods in, with the greatest sum as the unit.
+/// Takes the log-likelihoods in, in a unit.
 struct Weigh<'a> {
     log_weights: &'a mut [f64],
     weights: &'a mut [f64],
     log_likelihoods: &'a [f64],
-    peak: f64,
+    unit: f64,
 }
 
 impl WithSimd for Weigh<'_> {
@@ -111,14 +156,18 @@ impl WithSimd for Weigh<'_> {
     fn with_simd<S: Simd>(self, _: S) {
         let weights = self.log_weights.iter_mut().zip(self.weights);
         for ((log_weight, weight), &log_likelihood) in weights.zip(self.log_likelihoods) {
-            *log_weight = *log_weight + log_likelihood - self.peak;
+            *log_weight = *log_weight + log_likelihood - self.unit;
             *weight = exp(*log_weight);
         }
     }
 }
 
-/// Sums over `(w, w², w ln w)`, of weights and their logarithms.
-struct Sums<'a>(&'a [f64], &'a [f64]);
+/// Sums over `(w, w², w ln w)`, of `ln w = old + new - peak`.
+struct Sums<'a> {
+    old: &'a [f64],
+    new: &'a [f64],
+    peak: f64,
+}
 
 impl WithSimd for Sums<'_> {
     type Output = [f64; 3];
@@ -126,20 +175,22 @@ impl WithSimd for Sums<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) -> [f64; 3] {
         let (mut sum, mut squares, mut logs) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
-        let ((weights, rest), (log_weights, log_rest)) = (self.0.as_chunks::<LANES>(), self.1.as_chunks::<LANES>());
-        let mut add = |lane: usize, w: f64, log_w: f64| {
+        let ((old, old_rest), (new, new_rest)) = (self.old.as_chunks::<LANES>(), self.new.as_chunks::<LANES>());
+        let mut add = |lane: usize, old: f64, new: f64| {
+            let log_w = old + new - self.peak;
+            let w = exp(log_w);
             sum[lane] += w;
             squares[lane] += w * w;
             // Nothing times -∞ is nothing.
             logs[lane] += if w > 0.0 { w * log_w } else { 0.0 };
         };
-        for (w, log_w) in weights.iter().zip(log_weights) {
+        for (old, new) in old.iter().zip(new) {
             for lane in 0..LANES {
-                add(lane, w[lane], log_w[lane]);
+                add(lane, old[lane], new[lane]);
             }
         }
-        for (lane, (&w, &log_w)) in rest.iter().zip(log_rest).enumerate() {
-            add(lane, w, log_w);
+        for (lane, (&old, &new)) in old_rest.iter().zip(new_rest).enumerate() {
+            add(lane, old, new);
         }
         [sum, squares, logs].map(|[a, b, c, d, e, f, g, h]| ((a + b) + (c + d)) + ((e + f) + (g + h)))
     }
@@ -179,6 +230,33 @@ mod tests {
         assert_eq!(set.reweigh(&vec![f64::NEG_INFINITY; 600], Par::Seq), None);
         assert_eq!(set.reweigh(&[0.0], Par::Seq), None);
         assert_eq!(set, before);
+    }
+
+    /// Peaks of chunks differ by more than a number can tell, and some chunks are impossible.
+    #[test]
+    fn chunks_of_any_likelihood_add_up() {
+        let mut set = line(1024);
+        let values: Vec<f64> = (0..1024)
+            .map(|i| match i / 256 {
+                0 => f64::NEG_INFINITY,
+                1 => -2000.0,
+                2 => f64::from(i % 7) * 0.1,
+                _ => -30.0,
+            })
+            .collect();
+        let summary = set.reweigh(&values, Par::Seq).unwrap();
+        let plain: Vec<f64> = values.iter().map(|v| v.exp()).collect();
+        let sum: f64 = plain.iter().sum();
+        for (weight, plain) in set.weights().iter().zip(&plain) {
+            assert!((weight - plain / sum).abs() < 1e-15, "{weight}");
+        }
+        let entropy: f64 = plain.iter().filter(|w| **w > 0.0).map(|w| -(w / sum) * (w / sum).ln()).sum();
+        let effective = plain.iter().map(|w| w / sum * (w / sum)).sum::<f64>().recip();
+        assert!((summary.entropy - entropy).abs() < 1e-12 && (summary.effective_sample_size - effective).abs() < 1e-9);
+        assert!(
+            (summary.log_evidence - (sum / 1024.0).ln()).abs() < 1e-12
+                && (summary.max_weight - 0.6_f64.exp() / sum).abs() < 1e-15
+        );
     }
 
     #[test]

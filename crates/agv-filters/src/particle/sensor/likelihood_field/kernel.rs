@@ -76,7 +76,7 @@ impl EndPoints {
         if let Some(group) = self.groups.last_mut() {
             (group.x[place], group.y[place]) = (x, y);
             // The margin covers the rounding of all that follows.
-            group.reach = group.reach.max(x.hypot(y) * 1.01 + 1.0);
+            group.reach = group.reach.max((x * x + y * y).sqrt() * 1.01 + 1.0);
         }
         self.count += 1;
     }

@@ -10,6 +10,7 @@
 //! with `k` the number of independent beams that a scan counts as. The beam end points are brought to the base frame, in
 //! cells, once per scan.
 
+mod beams;
 mod kernel;
 mod params;
 mod refine;
@@ -17,7 +18,7 @@ mod table;
 #[cfg(test)]
 mod tests;
 
-use super::{PoseLikelihood, ScanForm, SensorModel, UsedBeams, beams::hits, weigh_per_pose};
+use super::{PoseLikelihood, ScanForm, SensorModel, UsedBeams, weigh_per_pose};
 use agv_core::{
     Error,
     geometry::{Se2, UncertainPose},
@@ -25,6 +26,7 @@ use agv_core::{
     roles::SkipReason,
     sensors::LaserScan,
 };
+use beams::Beams;
 use kernel::{COORDINATE_BITS, EndPoints, ScanOnTable};
 use nalgebra::Vector2;
 use pulp::Arch;
@@ -62,8 +64,7 @@ pub use params::LikelihoodFieldModelParams;
 pub struct LikelihoodFieldModel {
     params: LikelihoodFieldModelParams,
     table: Arc<Table>,
-    /// End points in the base frame, in cells.
-    ends: EndPoints,
+    beams: Beams,
     arch: Arch,
 }
 
@@ -79,7 +80,7 @@ impl LikelihoodFieldModel {
     pub fn new(field: &LikelihoodField, params: LikelihoodFieldModelParams) -> Result<Self, Error> {
         params.validate()?;
         let table = Arc::new(Table::new(field, &params)?);
-        Ok(Self { params, table, ends: EndPoints::with_capacity(params.max_beams), arch: Arch::new() })
+        Ok(Self { params, table, beams: Beams::with_capacity(params.max_beams), arch: Arch::new() })
     }
 
     /// The parameters.
@@ -87,38 +88,34 @@ impl LikelihoodFieldModel {
         &self.params
     }
 
-    /// Collects the end points of the beams that are used; returns their number.
-    fn collect_ends(&mut self, scan: &LaserScan) -> usize {
-        self.ends.clear();
-        for (_, end) in hits(scan, self.params.max_beams, self.params.max_range) {
-            let end = end * self.table.cells_per_metre;
-            self.ends.push(end.x as f32, end.y as f32);
-        }
-        self.ends.len()
+    /// The end points of the beams that are used.
+    fn ends(&mut self, scan: &LaserScan) -> &EndPoints {
+        self.beams.ends(scan, &self.params, self.table.cells_per_metre)
     }
 }
 
 impl SensorModel<LaserScan> for LikelihoodFieldModel {
     fn condition<'a>(&'a mut self, scan: &'a LaserScan) -> Result<impl PoseLikelihood + 'a, SkipReason> {
-        let (usable, needed) = (self.collect_ends(scan), self.params.min_hits.max(1));
+        let (usable, needed) = (self.ends(scan).len(), self.params.min_hits.max(1));
         if usable < needed {
             return Err(SkipReason::TooFewReadings { usable, needed });
         }
-        Ok(ScanOnTable::new(&self.table, &self.ends, self.params.form, self.arch))
+        Ok(ScanOnTable::new(&self.table, self.beams.known(), self.params.form, self.arch))
     }
 
     fn independent_readings(&self) -> f64 {
-        self.params.form.independent_readings(self.ends.len())
+        self.params.form.independent_readings(self.beams.known().len())
     }
 
     /// Not with the sum of cubes: its terms do not tell distances.
     fn refine(&mut self, scan: &LaserScan, guess: &UncertainPose<Se2>) -> Option<Se2> {
-        let hits = self.collect_ends(scan);
-        if self.params.form == ScanForm::SumOfCubes || hits < self.params.min_hits.max(1) {
+        if self.params.form == ScanForm::SumOfCubes || self.ends(scan).len() < self.params.min_hits.max(1) {
             return None;
         }
-        let ends = self.ends.iter().map(|(x, y)| Vector2::new(f64::from(x), f64::from(y)));
-        Refiner { table: &self.table, ends, weight: self.params.form.power(hits) }.refine(guess)
+        let ends = self.beams.known();
+        let weight = self.params.form.power(ends.len());
+        let ends = ends.iter().map(|(x, y)| Vector2::new(f64::from(x), f64::from(y)));
+        Refiner { table: &self.table, ends, weight }.refine(guess)
     }
 }
 
