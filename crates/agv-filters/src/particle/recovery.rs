@@ -37,7 +37,8 @@ pub struct RecoveryParams {
     /// Observations over which the search goes on after the last sign of doubt, or after a belief that says nothing: the first
     /// place that fits need not be the right one.
     pub persistence: u32,
-    /// Most new particles, as a share of all, in [0, 1]; zero switches recovery off.
+    /// Most new particles that doubt brings, as a share of all, in [0, 1]; what observes poses brings its own share
+    /// ([`ObservedPose`](super::ObservedPose)). Zero switches both off.
     pub max_share: f64,
 }
 
@@ -62,7 +63,7 @@ impl Default for RecoveryParams {
 }
 
 impl RecoveryParams {
-    /// No recovery: particles stay where their ancestors were.
+    /// No recovery: particles stay where their ancestors were, whatever is observed.
     pub fn never() -> Self {
         Self { max_share: 0.0, ..Self::default() }
     }

@@ -69,6 +69,9 @@ where
 
     fn fresh_share(&mut self, observation: &Z, seen: &Seen<'_>) -> f64 {
         let share = self.doubts.of(observation).observed(seen.weights.log_evidence / seen.readings, seen.explained);
+        if self.doubts.params().max_share == 0.0 {
+            return 0.0;
+        }
         self.proposal.share(observation, seen.expected, share).clamp(0.0, 1.0)
     }
 

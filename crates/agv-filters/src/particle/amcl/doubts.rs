@@ -32,6 +32,11 @@ impl Doubts {
         Ok(Self { fresh: Recovery::new(params)?, entries: Vec::with_capacity(ROOM) })
     }
 
+    /// The parameters of all.
+    pub(super) const fn params(&self) -> &RecoveryParams {
+        self.fresh.params()
+    }
+
     /// Forgets the past; a belief that says nothing is searched for from the first observation on.
     pub(super) fn begin(&mut self, says_nothing: bool) {
         self.entries.clear();

@@ -96,7 +96,6 @@ where
             Err(reason) => (UpdateOutcome::Skipped(reason), known.pose),
             Ok(weights) => {
                 let (weights, degrees) = self.temper(observation, weights, &known.pose)?;
-                self.belief.diagnostics.degrees = degrees;
                 // Of what was weighed: what follows may look at other readings.
                 let readings = self.sensor.independent_readings();
                 // Before resampling, which adds variance and no knowledge.
@@ -109,7 +108,7 @@ where
                 self.belief.streams.applied(observation, &self.belief.odom_from_base);
                 let seen = Seen { weights, readings, explained, expected: &known.pose };
                 let share = adapt.fresh_share(observation, &seen);
-                let moments = if self.resample(observation, weights, share, adapt) {
+                let moments = if self.resample(observation, (weights, degrees), share, adapt) {
                     // What was drawn elsewhere outweighs what was weighed: it is the belief.
                     let fresh = self.belief.particles.estimate(self.par)?;
                     let fresh = adapt.estimate(&self.belief.particles, fresh, &fresh)?;
@@ -193,7 +192,7 @@ where
     fn resample<Z: ?Sized>(
         &mut self,
         observation: &Z,
-        weights: WeightSummary,
+        (weights, degrees): (WeightSummary, usize),
         share: f64,
         adapt: &mut impl Adapt<Z, S>,
     ) -> bool
@@ -210,15 +209,18 @@ where
         drawn.updates = drawn.updates.saturating_add(1);
         let motion = drawn.odom_from_base.between(odom_from_base);
         let context = ResampleContext::new(weights, particles.len(), drawn.updates, motion);
-        let resampled = self.rules.resample.is_due(&context) || share > 0.0;
+        let is_due = self.rules.resample.is_due(&context);
+        // No more than a set of twice the size holds: what is not looked at need not be drawn.
+        let room = particles.capacity().min(2 * particles.len());
+        let most = (share * room as f64).round() as usize;
+        let context = ProposalContext::new(&self.free_space, estimate, self.par, proposal_seed, *step)
+            .after(diagnostics.updates, *odom_from_base)
+            .of_particles(particles.len(), is_narrow);
+        let proposed = if most > 0 { adapt.propose(observation, &mut self.sensor, &context, most) } else { &[] };
+        // A search that finds nothing disturbs nothing.
+        let resampled = is_due || !proposed.is_empty();
         let mut fresh = 0;
         if resampled {
-            // No more than a set of twice the size holds: what is not looked at need not be drawn.
-            let room = particles.capacity().min(2 * particles.len());
-            let most = (share * room as f64).round() as usize;
-            let context = ProposalContext::new(&self.free_space, estimate, self.par, proposal_seed, *step);
-            let context = context.after(diagnostics.updates, *odom_from_base).of_particles(particles.len(), is_narrow);
-            let proposed = if most > 0 { adapt.propose(observation, &mut self.sensor, &context, most) } else { &[] };
             let stream = &mut size_seed.stream(*step, 0);
             let count = self.rules.size.sample_size_with(particles, proposed, share, stream);
             let count = count.clamp(1, particles.capacity());
@@ -227,10 +229,11 @@ where
             fresh = proposed.len().min(wanted).min(count - 1);
             particles.resample(count - fresh, &self.rules.resampler, &mut seed.stream(*step, 0), self.par);
             particles.extend(&proposed[..fresh]);
-            *step = step.wrapping_add(1);
             *drawn = LastDrawn { updates: 0, odom_from_base: *odom_from_base };
         }
-        let degrees = diagnostics.degrees;
+        if resampled || most > 0 {
+            *step = step.wrapping_add(1);
+        }
         *diagnostics =
             MclDiagnostics { weights, resampled, degrees, updates: diagnostics.updates.saturating_add(1), fresh };
         2 * fresh > particles.len()

@@ -8,6 +8,7 @@ mod state;
 
 use super::{FreeSpace, gaussian::PoseGaussian};
 use agv_core::{
+    Error, check,
     compute::{CHUNK, Par, Seed, Stream},
     geometry::{LieGroup, Se2, UncertainPose},
     sensors::PoseObservation,
@@ -151,12 +152,41 @@ impl<Z: ?Sized, S: ?Sized> PoseProposal<Z, S> for UniformProposal {
 /// Such an observation brings part of the particles in any case, since few old ones are as near to it as it is exact; and most
 /// of them if it contradicts the belief, at 99.9 % of chi-square.
 #[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "(f64, f64)", into = "(f64, f64)")
+)]
 pub struct ObservedPose {
-    /// Share of particles drawn from an observation that agrees with the belief, in [0, 1].
-    pub agreed: f64,
-    /// The same of one that contradicts it, in [0, 1].
-    pub contradicted: f64,
+    agreed: f64,
+    contradicted: f64,
+}
+
+impl ObservedPose {
+    /// Draws a share `agreed` of the particles from an observation that agrees with the belief, and `contradicted` from one that
+    /// contradicts it.
+    ///
+    /// # Errors
+    /// A share outside [0, 1].
+    pub fn new(agreed: f64, contradicted: f64) -> Result<Self, Error> {
+        check::in_range("agreed", agreed, 0.0, 1.0)?;
+        check::in_range("contradicted", contradicted, 0.0, 1.0)?;
+        Ok(Self { agreed, contradicted })
+    }
+}
+
+impl TryFrom<(f64, f64)> for ObservedPose {
+    type Error = Error;
+
+    fn try_from((agreed, contradicted): (f64, f64)) -> Result<Self, Error> {
+        Self::new(agreed, contradicted)
+    }
+}
+
+impl From<ObservedPose> for (f64, f64) {
+    fn from(shares: ObservedPose) -> Self {
+        (shares.agreed, shares.contradicted)
+    }
 }
 
 impl Default for ObservedPose {

@@ -4,7 +4,7 @@ use crate::particle::PoseBins;
 use agv_core::{Error, check};
 use nalgebra::Vector3;
 
-/// Parameters of a [`LikelihoodSearch`].
+/// Parameters of a [`LikelihoodSearch`](super::LikelihoodSearch).
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct LikelihoodSearchParams {

@@ -50,7 +50,7 @@ impl LikelihoodSearch {
     /// Parameters that [`validate`](LikelihoodSearchParams::validate) refuses.
     pub fn new(params: LikelihoodSearchParams) -> Result<Self, Error> {
         params.validate()?;
-        let most = (params.max_candidates + params.refined).max(params.refined * params.trials);
+        let most = (params.max_candidates + params.refined + 1).max(params.refined * params.trials);
         Ok(Self {
             params,
             candidates: Vec::with_capacity(most),
@@ -180,6 +180,27 @@ impl LikelihoodSearch {
         }
     }
 
+    /// Weighs what was found beside the estimate, all at once, since there are models that judge poses together; returns what a place
+    /// must reach to be proposed.
+    fn compare<Z: ?Sized, S: WeighParticles<Z> + ?Sized>(
+        &mut self,
+        observation: &Z,
+        sensor: &mut S,
+        context: &ProposalContext<'_>,
+    ) -> f64 {
+        self.candidates.clear();
+        self.candidates.extend(self.found.iter().map(|found| found.pose));
+        self.candidates.push(context.estimate);
+        if !self.weigh(observation, sensor, context) {
+            return f64::NEG_INFINITY;
+        }
+        for (found, log_likelihood) in self.found.iter_mut().zip(&self.log_likelihoods) {
+            found.log_likelihood = *log_likelihood;
+        }
+        self.sort_found();
+        self.log_likelihoods.last().map_or(f64::NEG_INFINITY, |there| there - self.params.margin)
+    }
+
     /// Draws poses from what was found and is no less likely, with the spread that the last round left.
     fn draw(&mut self, least: f64, context: &ProposalContext<'_>, poses: &mut [Se2]) -> usize {
         let found = &self.found[..self.found.partition_point(|found| found.log_likelihood >= least)];
@@ -237,9 +258,7 @@ impl<S: WeighParticles<LaserScan> + ?Sized> PoseProposal<LaserScan, S> for Likel
             Some(tried) => self.advance(observation, sensor, context, tried),
             None => self.search_at_once(observation, sensor, context),
         };
-        let mut there = [f64::NEG_INFINITY];
-        let is_weighed = sensor.weigh(observation, &[context.estimate], &mut there, context.par).is_ok();
-        let least = if is_weighed { there[0] - self.params.margin } else { f64::NEG_INFINITY };
+        let least = self.compare(observation, sensor, context);
         self.draw(least, context, poses)
     }
 }
@@ -309,6 +328,30 @@ mod tests {
         // A power of 0.2 of two nats; several places around each peak are drawn from, about as many around either.
         let ratio = near(PEAKS[1]) / near(PEAKS[0]);
         assert!((0.3..1.2).contains(&ratio), "{ratio}");
+    }
+
+    /// Lenient with a pose that it judges alone, as beam skipping is.
+    struct Lenient;
+
+    impl WeighParticles<()> for Lenient {
+        fn weigh(&mut self, z: &(), poses: &[Se2], out: &mut [f64], par: Par) -> Result<(), SkipReason> {
+            Peaks(2.0).weigh(z, poses, out, par)?;
+            if poses.len() == 1 {
+                out.fill(0.0);
+            }
+            Ok(())
+        }
+    }
+
+    #[test]
+    fn the_estimate_is_judged_as_what_was_found_is() {
+        let space = space();
+        let mut search = LikelihoodSearch::new(LikelihoodSearchParams::default()).unwrap();
+        let context = ProposalContext::new(&space, Se2::new(4.0, 4.0, 1.0), Par::Seq, Seed(1), 0);
+        search.search(&(), &mut Lenient, &context);
+        let least = search.compare(&(), &mut Lenient, &context);
+        assert!(least < -50.0, "an estimate two metres off keeps no place out: {least}");
+        assert!(search.found().next().unwrap().1 > least);
     }
 
     #[test]
