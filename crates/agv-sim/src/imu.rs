@@ -10,12 +10,12 @@
 //! change its physics: a sample over `dt` seconds has the standard deviation `density / √dt`.
 
 use crate::noise::{Part, normal, own_seed};
-use crate::{Error, GRAVITY, InertialTruth};
+use crate::{Error, InertialTruth};
 use agv_core::{
     check,
     compute::{Seed, Stream},
     geometry::{LieGroup, Se3, UncertainPose, UncertainVector},
-    sensors::{ImuSample, SensorId},
+    sensors::{GRAVITY, ImuSample, SensorId},
     time::Stamp,
 };
 use nalgebra::{Matrix3, Vector3};

@@ -7,9 +7,6 @@ use agv_core::{
 };
 use nalgebra::Vector3;
 
-/// Standard gravity, in metres per second squared.
-pub const GRAVITY: f64 = 9.806_65;
-
 /// What a body really does.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct InertialTruth {

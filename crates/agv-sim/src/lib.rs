@@ -58,7 +58,7 @@ pub use factory::{Factory, FactoryParams};
 pub use floor_camera::{FloorCamera, FloorCameraParams};
 pub use front_camera::{FrontCamera, FrontCameraParams};
 pub use imu::{Imu, ImuParams, InertialNoise};
-pub use inertial::{GRAVITY, InertialTruth};
+pub use inertial::InertialTruth;
 pub use laser::{Laser, LaserParams, NoReturnReading};
 pub use lidar::{Lidar, LidarParams};
 pub use markers::{FloorCode, Landmark};

@@ -3,7 +3,7 @@
 use super::expm::{Square, expm};
 use super::{ActuatorLimits, LinearPlant, Plant, TransferFunction};
 use crate::Error;
-use agv_core::check;
+use agv_core::{check, sensors::GRAVITY};
 
 /// Parameters of a [`DrivePlant`], with the gear's ratio in them: torques and speeds are those of the wheel.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -169,7 +169,6 @@ impl DrivePlant {
 
     /// Dry friction and rolling resistance that a wheel has to overcome, in N m.
     pub fn friction_torque(&self) -> f64 {
-        const GRAVITY: f64 = 9.806_65;
         let DriveParams { mass, wheels, wheel_radius, dry_friction, rolling_resistance, .. } = self.params;
         dry_friction + rolling_resistance * (mass + self.load) * GRAVITY * wheel_radius / f64::from(wheels)
     }

@@ -6,6 +6,9 @@ use crate::{
     time::Stamp,
 };
 
+/// Standard gravity, in m/s².
+pub const GRAVITY: f64 = 9.806_65;
+
 /// A sample of an inertial measurement unit, in its own frame, with what it has: a single gyro, six axes, or an attitude
 /// too.
 ///

@@ -36,7 +36,7 @@ pub use camera::{PinholeCamera, PinholeParams};
 pub use code_sighting::CodeSighting;
 pub use deskew::Deskew;
 pub use fix::{PoseObservation, PositionObservation, VelocityObservation};
-pub use imu::ImuSample;
+pub use imu::{GRAVITY, ImuSample};
 pub use landmark::LandmarkObservation;
 pub use laser_scan::{Beam, LaserScan, ScanGeometry};
 pub use lens::LensDistortion;

@@ -5,7 +5,7 @@ use agv_core::{
     Error, check,
     geometry::{LieGroup, Se2},
     odometry::OdometryIncrement,
-    sensors::{ImuSample, PoseObservation, PositionObservation, VelocityObservation},
+    sensors::{GRAVITY, ImuSample, PoseObservation, PositionObservation, VelocityObservation},
     time::Stamp,
 };
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
@@ -49,9 +49,6 @@ converts!(
     Velocity(VelocityObservation<Se2>),
     Imu(ImuSample)
 );
-
-/// Standard gravity, in m/s².
-const GRAVITY: f64 = 9.806_65;
 
 /// Greatest number that a measurement may hold, in its unit: beyond, they have no meaning.
 const LARGEST: f64 = 1e7;

@@ -20,6 +20,7 @@ mod kld;
 mod mcl;
 mod moments;
 mod motion;
+mod per_sensor;
 mod proposal;
 mod recovery;
 mod resample;

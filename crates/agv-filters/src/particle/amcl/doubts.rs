@@ -1,35 +1,23 @@
 //! A [`Recovery`] for each sensor: how likely a scan is cannot be compared with how likely a code is.
 
-use crate::particle::{Recovery, RecoveryParams};
+use crate::particle::{Recovery, RecoveryParams, per_sensor::PerSensor};
 use agv_core::{
     Error,
     sensors::{Observation, SensorId},
 };
-use std::borrow::Cow;
-
-/// Sensors that a table has room for without allocating.
-const ROOM: usize = 16;
 
 /// The recoveries of all sensors.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub(super) struct Doubts {
     /// What a sensor that was not heard of begins with.
     fresh: Recovery,
-    entries: Vec<SensorDoubt>,
-}
-
-/// One sensor's.
-#[derive(Debug, Clone, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub(super) struct SensorDoubt {
-    kind: Cow<'static, str>,
-    sensor: SensorId,
-    recovery: Recovery,
+    known: PerSensor<Recovery>,
 }
 
 impl Doubts {
     pub(super) fn new(params: RecoveryParams) -> Result<Self, Error> {
-        Ok(Self { fresh: Recovery::new(params)?, entries: Vec::with_capacity(ROOM) })
+        Ok(Self { fresh: Recovery::new(params)?, known: PerSensor::new() })
     }
 
     /// The parameters of all.
@@ -39,7 +27,7 @@ impl Doubts {
 
     /// Forgets the past; a belief that says nothing is searched for from the first observation on.
     pub(super) fn begin(&mut self, says_nothing: bool) {
-        self.entries.clear();
+        self.known.clear();
         self.fresh.clear();
         if says_nothing {
             self.fresh.search();
@@ -48,31 +36,18 @@ impl Doubts {
 
     /// The recovery of the sensor that an observation is of.
     pub(super) fn of<Z: Observation + ?Sized>(&mut self, observation: &Z) -> &mut Recovery {
-        let (kind, sensor) = (observation.kind(), observation.sensor());
-        let known = self.entries.iter().position(|entry| entry.sensor == sensor && entry.kind == kind);
-        let index = known.unwrap_or(self.entries.len());
-        if known.is_none() {
-            self.entries.push(SensorDoubt { kind: Cow::Borrowed(kind), sensor, recovery: self.fresh });
-        }
-        &mut self.entries[index].recovery
+        self.known.of(observation, self.fresh)
     }
 
     /// The recovery of a sensor, if it was heard of.
     pub(super) fn get(&self, kind: &str, sensor: SensorId) -> Option<&Recovery> {
-        self.entries.iter().find(|entry| entry.sensor == sensor && entry.kind == kind).map(|entry| &entry.recovery)
+        self.known.get(kind, sensor)
     }
 
-    /// The entries, to store.
+    /// Takes what was stored, into its own memory.
     #[cfg(feature = "serde")]
-    pub(super) fn entries(&self) -> (Recovery, &[SensorDoubt]) {
-        (self.fresh, &self.entries)
-    }
-
-    /// Takes stored entries.
-    #[cfg(feature = "serde")]
-    pub(super) fn restore(&mut self, fresh: Recovery, entries: &[SensorDoubt]) {
-        self.fresh = fresh;
-        self.entries.clear();
-        self.entries.extend_from_slice(entries);
+    pub(super) fn assign(&mut self, other: &Self) {
+        self.fresh = other.fresh;
+        self.known.assign(&other.known);
     }
 }

@@ -1,7 +1,8 @@
 //! All of the filter that changes as it runs.
 
-use super::{MclDiagnostics, streams::Streams};
+use super::MclDiagnostics;
 use crate::particle::ParticleSet;
+use crate::particle::per_sensor::PerSensor;
 use agv_core::{
     geometry::{LieGroup, Se2, UncertainPose},
     odometry::OdometryIncrement,
@@ -21,7 +22,8 @@ pub(super) struct Belief {
     pub(super) pending: Option<OdometryIncrement>,
     /// All odometry since the initialisation.
     pub(super) odom_from_base: Se2,
-    pub(super) streams: Streams,
+    /// Where the vehicle was, by the odometry, when the last observation of each sensor was applied.
+    pub(super) applied: PerSensor<Se2>,
     pub(super) drawn: LastDrawn,
     pub(super) monitor: StatusMonitor,
     pub(super) diagnostics: MclDiagnostics,
@@ -59,7 +61,7 @@ impl Belief {
             known: None,
             pending: None,
             odom_from_base: Se2::identity(),
-            streams: Streams::new(),
+            applied: PerSensor::new(),
             drawn: LastDrawn::default(),
             monitor,
             diagnostics,
@@ -71,7 +73,7 @@ impl Belief {
         self.known = Some(Known { moments, pose: moments, stamp: None });
         self.pending = None;
         self.odom_from_base = Se2::identity();
-        self.streams.clear();
+        self.applied.clear();
         self.drawn = LastDrawn::default();
         self.monitor.initialized(&moments);
         self.diagnostics = MclDiagnostics::fresh(self.particles.len());

@@ -4,9 +4,8 @@ use super::{
     MclDiagnostics,
     belief::{Belief, Known, LastDrawn},
     filter::Mcl,
-    streams::{LastApplied, Streams},
 };
-use crate::particle::ParticleSet;
+use crate::particle::{ParticleSet, per_sensor::PerSensor};
 use agv_core::{Error, check, compute::Seed, geometry::Se2, odometry::OdometryIncrement, roles::StatusMonitor};
 
 /// All of a filter that changes as it runs: particles, weights, seed and step, pending odometry, what each sensor has seen
@@ -27,7 +26,7 @@ pub struct MclCheckpoint {
     known: Option<Known>,
     pending: Option<OdometryIncrement>,
     odom_from_base: Se2,
-    streams: Vec<LastApplied>,
+    applied: PerSensor<Se2>,
     drawn: LastDrawn,
     monitor: StatusMonitor,
     diagnostics: MclDiagnostics,
@@ -36,7 +35,7 @@ pub struct MclCheckpoint {
 impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
     /// The state of the filter.
     pub fn checkpoint(&self) -> MclCheckpoint {
-        let Belief { particles, step, known, pending, odom_from_base, streams, drawn, monitor, diagnostics } =
+        let Belief { particles, step, known, pending, odom_from_base, applied, drawn, monitor, diagnostics } =
             &self.belief;
         MclCheckpoint {
             seed: self.seed,
@@ -48,7 +47,7 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
             known: *known,
             pending: *pending,
             odom_from_base: *odom_from_base,
-            streams: streams.entries().to_vec(),
+            applied: applied.clone(),
             drawn: *drawn,
             monitor: *monitor,
             diagnostics: *diagnostics,
@@ -69,13 +68,15 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
             check::all_finite("covariance", motion.covariance.iter())?;
         }
         self.log_likelihoods.resize(particles.capacity(), 0.0);
+        let mut applied = PerSensor::new();
+        applied.assign(&checkpoint.applied);
         self.belief = Belief {
             particles,
             step: checkpoint.step,
             known: checkpoint.known,
             pending: checkpoint.pending,
             odom_from_base: checkpoint.odom_from_base,
-            streams: Streams::restored(&checkpoint.streams),
+            applied,
             drawn: checkpoint.drawn,
             monitor: checkpoint.monitor,
             diagnostics: checkpoint.diagnostics,

@@ -86,7 +86,9 @@ where
         N: SampleSize,
     {
         let known = self.belief.known.ok_or(LocalizationError::NotInitialized)?;
-        let motion = self.belief.streams.motion_since(observation, &self.belief.odom_from_base);
+        let here = self.belief.odom_from_base;
+        let last = self.belief.applied.get(observation.kind(), observation.sensor());
+        let motion = last.map(|last| last.between(&here));
         let context = motion.map(|motion| UpdateContext::new(observation.sensor(), motion));
         if context.is_some_and(|context| !self.rules.update.is_due(&context)) {
             return Ok(UpdateOutcome::Skipped(SkipReason::LittleMotion));
@@ -105,7 +107,7 @@ where
                 let explained = self.sensor.explained(observation, moments.mean());
                 let stamp = known.stamp.or_else(|| observation.stamp());
                 self.belief.known = Some(Known { moments, pose: moments, stamp });
-                self.belief.streams.applied(observation, &self.belief.odom_from_base);
+                *self.belief.applied.of(observation, here) = here;
                 let seen = Seen { weights, readings, explained, expected: &known.pose };
                 let share = adapt.fresh_share(observation, &seen);
                 let moments = if self.resample(observation, (weights, degrees), share, adapt) {

@@ -194,7 +194,7 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
     /// Takes in the next observation of every sensor even if the vehicle has not moved: for a vehicle that stands and is to
     /// be sure.
     pub fn request_update(&mut self) {
-        self.belief.streams.clear();
+        self.belief.applied.clear();
     }
 
     /// The seed of a kind of draw.

@@ -7,7 +7,6 @@ mod correct;
 mod filter;
 mod params;
 mod role;
-mod streams;
 mod swarm;
 mod temper;
 
