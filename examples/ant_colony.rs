@@ -17,8 +17,6 @@
 
 #[path = "ant_colony/cases.rs"]
 mod cases;
-#[path = "ant_colony/exact.rs"]
-mod exact;
 #[path = "ant_colony/methods.rs"]
 mod methods;
 #[path = "ant_colony/pictures.rs"]

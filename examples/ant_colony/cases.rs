@@ -2,7 +2,6 @@
 
 use super::{
     Result,
-    exact::any_angle_length,
     trials::{Spread, Summary},
 };
 use agv_nav::{
@@ -13,7 +12,7 @@ use agv_nav::{
         path::Path,
         roles::{GlobalPlanner, PlanOutcome},
     },
-    plan::grid::{AStar, AStarParams},
+    plan::grid::{AStar, AStarParams, Anya, GridPlannerParams},
 };
 use agv_support::{Input, movingai::read_map};
 use rand::RngExt;
@@ -58,7 +57,8 @@ impl Case {
         let [start, goal] = cells.map(|cell| map.layout().center(cell)).map(|point| Se2::new(point.x, point.y, 0.0));
         let outcome = AStar::new(AStarParams::default())?.plan_into(&costmap, &start, &goal, &mut Path::new())?;
         let PlanOutcome::Found { cost: octile, .. } = outcome else { return Ok(None) };
-        let any_angle = any_angle_length(map, cells[0], cells[1]) * map.layout().resolution();
+        let outcome = Anya::new(GridPlannerParams::default())?.plan_into(&costmap, &start, &goal, &mut Path::new())?;
+        let PlanOutcome::Found { cost: any_angle, .. } = outcome else { return Ok(None) };
         Ok(Some(Self { name: name.into(), map: map.clone(), costmap, start, goal, octile, any_angle }))
     }
 }

@@ -51,9 +51,9 @@ fn a_resumed_adaptive_filter_continues_with_the_same_bits() {
 
     let good = serde_json::to_value(uninterrupted.checkpoint()).unwrap();
     for (path, value) in [
-        ("/doubts/0/recovery/slow", json!(-1.0)),
-        ("/doubts/0/recovery/params/max_share", json!(7.0)),
-        ("/fresh_doubt/variance", json!(null)),
+        ("/doubts/known/0/value/slow", json!(-1.0)),
+        ("/doubts/known/0/value/params/max_share", json!(7.0)),
+        ("/doubts/fresh/variance", json!(null)),
         ("/mcl/weights", json!([1.0])),
     ] {
         let mut spoilt = good.clone();
@@ -108,7 +108,7 @@ fn a_spoilt_checkpoint_is_refused_and_changes_nothing() {
         ("/monitor/params/smoothing", json!(2.0)),
         ("/capacity", json!(usize::MAX)),
         ("/odom_from_base/rotation/cos", json!(7.0)),
-        ("/streams/0/odom_from_base/translation/0", json!(null)),
+        ("/applied/0/value/translation/0", json!(null)),
     ] {
         let mut spoilt = good.clone();
         *spoilt.pointer_mut(path).unwrap() = value;

@@ -127,13 +127,10 @@ impl FusionFilter {
 
     /// An anchor that nobody has.
     pub(super) fn free_slot(&self) -> Result<u8, Error> {
-        let taken =
-            self.sources.iter().filter(|source| source.slot.is_some()).count() + usize::from(self.outlet.is_some());
-        if taken < MAX_ANCHORS {
-            Ok(taken as u8)
-        } else {
-            Err(Error::TooMany { name: "relative sources", len: taken + 1, max: MAX_ANCHORS })
-        }
+        let is_taken =
+            |slot: &u8| self.sources.iter().any(|source| source.slot == Some(*slot)) || self.outlet == Some(*slot);
+        let full = Error::TooMany { name: "relative sources", len: MAX_ANCHORS + 1, max: MAX_ANCHORS };
+        (0..MAX_ANCHORS as u8).find(|slot| !is_taken(slot)).ok_or(full)
     }
 
     /// The parameters it was built with.
@@ -241,11 +238,14 @@ impl FusionFilter {
                 // have stood still, so that the time counts.
                 if outcome == FusionOutcome::TooOld {
                     restart_at(history, begin);
+                    // What the others sent last was by the old clock.
+                    self.traffic.iter_mut().for_each(|traffic| traffic.last = None);
                 }
             }
             None => {}
         }
         self.strange = 0;
+        let traffic = &mut self.traffic[source.index()];
         traffic.last = Some(traffic.last.filter(|last| *last > stamp && refused.is_none()).unwrap_or(stamp));
         let outcome = self.insert(&event, begin);
         if outcome == FusionOutcome::Overlapping {
@@ -287,6 +287,10 @@ impl FusionFilter {
             // A motion that does not begin where the last one ended needs the pose where it began; one that began before that
             // is left out.
             let slot = usize::from(slot);
+            if history.take_anchor(place, event, slot as u8) {
+                place -= 1;
+                from = place;
+            }
             let known = history
                 .before(place)
                 .is_some_and(|state| anchored_at(state, slot, *start).is_some() || overlaps(state, slot, *start));

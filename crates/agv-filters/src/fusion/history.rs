@@ -4,7 +4,7 @@
 //! would be if everything had come in order: to the bit, since equal stamps have an order of their own, but for the rounding of a
 //! prediction that the anchor of a late motion splits. Nothing is allocated after construction; a late measurement costs as much as all that are newer than it.
 
-use super::{FusionOutcome, measurement::Reading, state::State};
+use super::{FusionOutcome, linearize::SAME_MOMENT, measurement::Reading, state::State};
 use agv_core::time::Stamp;
 use std::collections::VecDeque;
 
@@ -119,6 +119,24 @@ impl History {
         if let Some(state) = self.states.back().copied() {
             self.states.push_back(state);
         }
+    }
+
+    /// Takes out the anchor just before an event's place if it is of the same source and, but for the rounding of stamps, of the same
+    /// time: the event, a motion, drops its own.
+    pub(super) fn take_anchor(&mut self, place: usize, event: &Event, slot: u8) -> bool {
+        let is_same = |known: &Event| {
+            known.happening == Happening::Anchor(slot)
+                && known.source == event.source
+                && event.stamp - known.stamp <= SAME_MOMENT
+        };
+        let Some(before) = place.checked_sub(1) else { return false };
+        // The oldest event holds the state of all that came before.
+        let found = before > 0 && self.events.get(before).is_some_and(is_same);
+        if found {
+            self.events.remove(before);
+            self.states.remove(before);
+        }
+        found
     }
 
     /// Does everything from a place on again.

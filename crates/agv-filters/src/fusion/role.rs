@@ -75,13 +75,14 @@ impl FusionFilter {
             FusionOutcome::Anchored => UpdateOutcome::Applied(UpdateReport::default()),
             FusionOutcome::Gated { nis, limit } => UpdateOutcome::Skipped(SkipReason::Gated { nis, limit }),
             FusionOutcome::TooOld | FusionOutcome::TooEarly => {
-                let age = self.history.as_ref().map_or(0.0, |history| history.latest() - stamp);
+                let latency = self.inputs.iter().find(|(known, _)| *known == input).map_or(0.0, |(_, source)| {
+                    self.sources.get(source.index()).map_or(0.0, |source| source.params.latency)
+                });
+                let age = self.history.as_ref().map_or(0.0, |history| history.latest() - (stamp + -latency));
                 UpdateOutcome::Skipped(SkipReason::OutsideHistory { age })
             }
             FusionOutcome::Duplicate | FusionOutcome::Overlapping => UpdateOutcome::Skipped(SkipReason::Duplicate),
-            FusionOutcome::Degenerate => {
-                return Err(Error::Singular { name: "covariance of the innovation", row: 0, pivot: 0.0 }.into());
-            }
+            FusionOutcome::Degenerate => UpdateOutcome::Skipped(SkipReason::Unexplained),
         })
     }
 }

@@ -9,7 +9,7 @@
 //! predict      X ← X exp(τ)                    P ← F P Fᵀ + Q          F = [ Ad(exp(τ))⁻¹  Jr(τ) (0, 0, θ)ᵀ ]
 //!                                                                          [ 0             1               ]
 //! innovation   z = log(X⁻¹ Y)                  S = P_xx + R            H = [ I 0 ]
-//! correct      δ = K z, X ← X exp(δ_x), s ← s + δ_s                    P ← G (I - K H) P (I - K H)ᵀ Gᵀ + K R Kᵀ
+//! correct      δ = K z, X ← X exp(δ_x), s ← s + δ_s                    P ← G [(I - K H) P (I - K H)ᵀ + K R Kᵀ] Gᵀ
 //! ```
 //!
 //! with `G` the Jacobian of the reset, `Jr(δ_x)` on the pose.

@@ -3,7 +3,6 @@
 use super::{
     ant::{Ant, Rules, length_of, turns_of},
     detours::Detours,
-    flood::Flood,
     ground::Ground,
     history::{Iteration, Run},
     params::ColonyParams,
@@ -13,7 +12,8 @@ use super::{
 use crate::{
     Error,
     grid::{
-        DIAGONAL, GridPlanner, GridPlannerParams, GridSolver, GridSpace, Limits, STRAIGHT, SearchEnd, SearchResult,
+        DIAGONAL, DijkstraSolver, GridPlanner, GridPlannerParams, GridSolver, GridSpace, Limits, STRAIGHT, SearchEnd,
+        SearchResult,
     },
 };
 use agv_core::{
@@ -50,7 +50,7 @@ pub struct Colony {
     par: Par,
     trail: Trail,
     sight: SightTable,
-    flood: Flood,
+    reach: DijkstraSolver,
     squads: Vec<Squad>,
     history: Vec<Iteration>,
     /// Steps of the shortest way of the run.
@@ -87,7 +87,7 @@ impl Colony {
             par: Par::Seq,
             trail: Trail::default(),
             sight: SightTable::default(),
-            flood: Flood::default(),
+            reach: DijkstraSolver::default(),
             squads: (0..params.ants.div_ceil(SQUAD)).map(squad).collect(),
             history: Vec::new(),
             best: Vec::new(),
@@ -233,9 +233,10 @@ impl GridSolver for Colony {
         self.best.clear();
         self.run = Run::default();
         self.goal = goal;
-        let looked_at = |flood: &Flood| flood.len() as u64;
-        if !self.flood.spread(space, start, goal) {
-            return SearchResult { end: SearchEnd::Exhausted, expansions: looked_at(&self.flood), nearest: start };
+        // Whether there is a way at all; it takes no longer than a few ants, and is not counted.
+        let reached = self.reach.search(space, start, goal, &mut Limits::none());
+        if !matches!(reached.end, SearchEnd::Goal { .. }) {
+            return reached;
         }
         if start == goal {
             self.run.length = Some(0.0);
@@ -276,12 +277,12 @@ impl GridSolver for Colony {
         if node == self.goal && self.run.length.is_some() {
             return Some(cost_of(&self.best));
         }
-        self.flood.cost(node)
+        self.reach.cost(node)
     }
 
     fn way_into(&self, space: &GridSpace, node: u32, way: &mut Vec<u32>) {
         if node != self.goal || self.run.length.is_none() {
-            return self.flood.way_into(node, way);
+            return self.reach.way_into(space, node, way);
         }
         let strides = space.strides();
         way.clear();

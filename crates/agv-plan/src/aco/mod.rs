@@ -13,14 +13,14 @@
 //! ([`DeadEnd`]), the least pheromone ([`TrailLimits`]), the first one. Additions to the paper are off in its presets
 //! and on in [`ColonyParams::refined`].
 //!
-//! [`SparrowSearch`] is another swarm to compare with (reference [34] of the paper).
+//! [`SparrowSearch`] is another swarm to compare with (the class of the paper's reference 34).
 //!
 //! A colony is a heuristic: it may miss the shortest path, which A* finds in a hundredth of the time. It is here to be compared
 //! with, and for its parts.
 //!
 //! Each ant of each iteration has its own random stream, and pheromone is left in the order of the ants: the result has the
 //! same bits for any number of threads. An iteration takes time in proportion to the steps of its ants and the cells of the
-//! map, memory 68 bytes per cell and one more per cell and squad of eight ants. Nothing is allocated after the first query of
+//! map, memory some hundred bytes per cell, and one more per cell and squad of eight ants, or nine where detours are erased. Nothing is allocated after the first query of
 //! a size, but for ways that are longer than any before.
 //!
 //! ```
@@ -54,7 +54,6 @@
 mod ant;
 mod colony;
 mod detours;
-mod flood;
 mod ground;
 mod history;
 mod marks;

@@ -23,8 +23,9 @@ pub struct Schedule {
 }
 
 impl Schedule {
-    /// Greatest value of α or β: beyond it nothing but the best step is ever taken.
-    pub const MAX: f64 = 30.0;
+    /// Greatest value of α or β: beyond it, on maps of some thousand cells a side, the weights of near and far cells no longer fit
+    /// into single precision together.
+    pub const MAX: f64 = 10.0;
 
     /// The same value in all iterations.
     pub const fn constant(value: f64) -> Self {

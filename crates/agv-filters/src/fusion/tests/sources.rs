@@ -212,3 +212,25 @@ fn what_has_no_pose_is_no_reference() {
         assert!(matches!(filter.fuse(wheels, still), Ok(FusionOutcome::Applied { .. })));
     }
 }
+
+/// Stamps that are rounded do not make motions overlap, in whatever order they come.
+#[test]
+fn rounded_stamps_do_not_overlap() {
+    let ahead = |start: f64, end: f64| {
+        motion(start, &Se2::default(), end, &Se2::new(end - start, 0.0, 0.0), squares([1e-3; 3]))
+    };
+    let run = |motions: [OdometryIncrement; 3]| {
+        let mut filter = FusionFilter::new(FusionParams { history: 10.0, ..FusionParams::default() }).unwrap();
+        let wheels = filter.add_source(bare(SourceParams::wheels())).unwrap();
+        filter.initialize_at(at(0.0), &belief(Se2::default())).unwrap();
+        for motion in motions {
+            assert!(matches!(filter.fuse(wheels, motion), Ok(FusionOutcome::Applied { .. })));
+        }
+        assert_eq!(filter.diagnostics(wheels).unwrap().accepted, 3);
+        filter.state().unwrap()
+    };
+    let (a, b, c) = (ahead(0.0, 0.1), ahead(0.1, 0.2), ahead(0.199_999_6, 0.3));
+    let (in_order, late) = (run([a, b, c]), run([a, c, b]));
+    assert!(in_order.pose.mean().minus(late.pose.mean()).norm() < 1e-9);
+    assert!((in_order.pose.covariance() - late.pose.covariance()).norm() < 1e-9);
+}

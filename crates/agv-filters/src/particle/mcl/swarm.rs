@@ -28,6 +28,8 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
     {
         let count = self.belief.particles.capacity();
         let (drawn, outcome) = self.swarm(swarm, observations, count)?;
+        let moments = drawn.estimate(self.par)?;
+        let drawn = drawn.states();
         let accepted = self.belief.particles.refill(
             count,
             self.par,
@@ -35,8 +37,7 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
             |_| true,
         );
         debug_assert!(accepted, "every set is taken");
-        self.belief.step += 1;
-        let moments = self.belief.particles.estimate(self.par)?;
+        self.belief.step = self.belief.step.wrapping_add(1);
         self.belief.begin(moments);
         Ok(outcome)
     }
@@ -52,7 +53,7 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
         swarm: &ImprovedSwarm<Q>,
         observations: &[&Z],
         count: usize,
-    ) -> Result<(Vec<Se2>, UpdateOutcome), LocalizationError>
+    ) -> Result<(ParticleSet, UpdateOutcome), LocalizationError>
     where
         S: WeighParticles<Z>,
     {
@@ -62,10 +63,13 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
             Ok(()) => {
                 let mut stream = self.seed_for(Draw::Resampling).stream(self.belief.step, 0);
                 set.resample(count, &Systematic, &mut stream, self.par);
-                Ok((set.states().to_vec(), UpdateOutcome::Applied(UpdateReport::default())))
+                Ok((set, UpdateOutcome::Applied(UpdateReport::default())))
             }
             // As the distribution says: each pose of a stratified one has its own place.
-            Err(reason) => Ok((self.candidates(&swarm.poses, count)?, UpdateOutcome::Skipped(reason))),
+            Err(reason) => {
+                let set = ParticleSet::new(self.candidates(&swarm.poses, count)?)?;
+                Ok((set, UpdateOutcome::Skipped(reason)))
+            }
         }
     }
 

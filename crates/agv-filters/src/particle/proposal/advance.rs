@@ -1,8 +1,8 @@
 //! A search that is spread over updates.
 //!
-//! As long as a vehicle is tracked, and the estimate explains the scan, there is time: each update tries part of the candidates, spread over all free space,
-//! and refines the best ones by a round. What was found so far moves along with the odometry and competes with what is new,
-//! all of them weighed by the scan of the day. So an update that searches costs little more than one that does not.
+//! As long as a vehicle is tracked, and the estimate explains the scan, there is time: each update tries part of the candidates,
+//! spread over all free space, and refines the best ones by a round. What was found so far moves along with the odometry and
+//! competes with what is new, all of them weighed by the scan of the day. So an update that searches costs about twice what one does that does not search.
 
 use super::{LikelihoodSearch, Place, ProposalContext, search::Found};
 use crate::particle::WeighParticles;
@@ -62,7 +62,8 @@ impl LikelihoodSearch {
     ) -> usize {
         let found = self.search(observation, sensor, context);
         let state = &mut self.state;
-        (state.odom_from_base, state.next_update, state.tried) = (context.odom_from_base, context.updates + 1, 0);
+        (state.odom_from_base, state.next_update, state.tried) =
+            (context.odom_from_base, context.updates.wrapping_add(1), 0);
         self.remember();
         found
     }
@@ -82,7 +83,7 @@ impl LikelihoodSearch {
             rounds: place.rounds,
         }));
         state.odom_from_base = context.odom_from_base;
-        state.next_update = context.updates + 1;
+        state.next_update = context.updates.wrapping_add(1);
     }
 
     /// Lines up the known places and the next candidates.

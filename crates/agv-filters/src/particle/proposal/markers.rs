@@ -1,6 +1,6 @@
 //! New particles where codes put the vehicle.
 
-use super::{LikelihoodSearch, ObservedPose, PoseProposal, ProposalContext};
+use super::{LikelihoodSearch, ObservedPose, PoseProposal, ProposalContext, ResumableProposal, SearchState};
 use crate::marker::MarkerLocalizer;
 use agv_core::{
     geometry::{Se2, UncertainPose},
@@ -64,6 +64,16 @@ impl<G> MarkerProposal<G> {
     /// The pose that the codes of an image say together.
     fn located(&self, seen: &[MarkerObservation<Se2>]) -> Option<PoseObservation<Se2>> {
         self.codes.locate(seen).ok()?.observation().copied()
+    }
+}
+
+impl<G: ResumableProposal> ResumableProposal for MarkerProposal<G> {
+    fn state(&self) -> Option<SearchState> {
+        self.others.state()
+    }
+
+    fn resume(&mut self, state: Option<&SearchState>) {
+        self.others.resume(state);
     }
 }
 

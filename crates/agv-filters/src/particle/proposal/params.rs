@@ -64,7 +64,7 @@ impl LikelihoodSearchParams {
     ///
     /// # Errors
     /// A density, spread or turn that is not finite and positive; no candidates, or more than 16 million of them, of refined
-    /// ones or of trials; more than 30 rounds; a power outside [0, 1].
+    /// ones or of trials; more than 30 rounds; a negative margin; an effort that is not positive; a power or a share outside [0, 1].
     pub fn validate(&self) -> Result<(), Error> {
         const MOST: f64 = 16e6;
         check::positive("search density", self.density)?;

@@ -6,7 +6,9 @@
 //! all of them are to be proposed, and later scans choose. (Lenser and Veloso 2000 draw from the sensor's model for the same
 //! purpose; Thrun, Fox, Burgard and Dellaert 2001 call it the dual of the particle filter.)
 
-use super::{LikelihoodSearchParams, ObservedPose, PoseProposal, ProposalContext, ResumableProposal, SearchState};
+use super::{
+    LikelihoodSearchParams, ObservedPose, Place, PoseProposal, ProposalContext, ResumableProposal, SearchState,
+};
 use crate::particle::{PoseHistogram, WeighParticles};
 use agv_core::{
     Error,
@@ -242,7 +244,9 @@ impl ResumableProposal for LikelihoodSearch {
             ..state.map_or_else(SearchState::default, |state| SearchState { places: Vec::new(), ..*state })
         };
         self.state.places.clear();
-        self.state.places.extend(state.iter().flat_map(|state| &state.places).take(self.params.refined));
+        // It may be the state of a search with other parameters.
+        let places = state.iter().flat_map(|state| &state.places).take(self.params.refined);
+        self.state.places.extend(places.map(|place| Place { rounds: place.rounds.min(self.params.rounds), ..*place }));
     }
 }
 

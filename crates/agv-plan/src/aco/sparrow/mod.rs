@@ -49,8 +49,9 @@ impl Default for SparrowParams {
 }
 
 impl SparrowParams {
-    /// The original: a fifth leads, a fifth watches, alarm at 0.8 (Xue and Shen 2020); 50 sparrows and 100 iterations, as the
-    /// colonies it is compared with.
+    /// Near the original, without the additions: a fifth leads, a fifth watches, alarm at 0.8 (Xue and Shen 2020); 50 sparrows and 100 iterations, as the
+    /// colonies it is compared with. Followers look at the best way of the run, where Xue and Shen's look at the best producer of
+    /// the iteration, and the step of the best sparrow's scouts is not divided by the difference of the lengths.
     pub const fn original() -> Self {
         Self { sparrows: 50, iterations: 100, producers: 0.2, scouts: 0.2, safety: 0.8, trials: 0, gather: false }
     }
@@ -68,12 +69,15 @@ impl SparrowParams {
                 return Err(agv_core::Error::TooMany { name, len, max: Self::MAX }.into());
             }
         }
+        if self.iterations > Self::MAX {
+            return Err(agv_core::Error::TooMany { name: "iterations", len: self.iterations, max: Self::MAX }.into());
+        }
         check::in_range("producers", self.producers, 0.0, 1.0)?;
         check::in_range("scouts", self.scouts, 0.0, 1.0)?;
         check::in_range("safety", self.safety, 0.0, 1.0)?;
         Ok(())
     }
 
-    /// Most sparrows, and most trials.
+    /// Most sparrows, trials and iterations.
     pub const MAX: usize = 1 << 16;
 }

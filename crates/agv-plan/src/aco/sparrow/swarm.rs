@@ -6,11 +6,8 @@ use super::{
 };
 use crate::{
     Error,
-    aco::{
-        flood::Flood,
-        history::{Iteration, Run},
-    },
-    grid::{GridPlanner, GridPlannerParams, GridSolver, GridSpace, Limits, SearchEnd, SearchResult},
+    aco::history::{Iteration, Run},
+    grid::{DijkstraSolver, GridPlanner, GridPlannerParams, GridSolver, GridSpace, Limits, SearchEnd, SearchResult},
 };
 use agv_core::compute::{Par, Seed, Stream};
 use rand::RngExt;
@@ -64,7 +61,7 @@ pub struct Swarm {
     seed: Seed,
     par: Par,
     corridor: Corridor,
-    flood: Flood,
+    reach: DijkstraSolver,
     flock: Vec<Sparrow>,
     /// Sparrows by length, shortest first.
     order: Vec<usize>,
@@ -117,7 +114,7 @@ impl Swarm {
             seed,
             par: Par::Seq,
             corridor: Corridor::default(),
-            flood: Flood::default(),
+            reach: DijkstraSolver::default(),
             flock: vec![Sparrow::default(); params.sparrows],
             order: (0..params.sparrows).collect(),
             best: Sparrow::default(),
@@ -258,8 +255,10 @@ impl GridSolver for Swarm {
         self.run = Run::default();
         self.best.length = f64::INFINITY;
         self.goal = goal;
-        if !self.flood.spread(space, start, goal) {
-            return SearchResult { end: SearchEnd::Exhausted, expansions: self.flood.len() as u64, nearest: start };
+        // Whether there is a way at all; it takes no longer than a few ants, and is not counted.
+        let reached = self.reach.search(space, start, goal, &mut Limits::none());
+        if !matches!(reached.end, SearchEnd::Goal { .. }) {
+            return reached;
         }
         if !self.corridor.prepare(space, start, goal) {
             return SearchResult { end: SearchEnd::Budget, expansions: 0, nearest: start };
@@ -287,14 +286,14 @@ impl GridSolver for Swarm {
         if node == self.goal && self.run.length.is_some() {
             return Some((self.best.length * f64::from(crate::grid::STRAIGHT)).round() as u32);
         }
-        self.flood.cost(node)
+        self.reach.cost(node)
     }
 
-    fn way_into(&self, _: &GridSpace, node: u32, way: &mut Vec<u32>) {
+    fn way_into(&self, space: &GridSpace, node: u32, way: &mut Vec<u32>) {
         if node == self.goal && self.run.length.is_some() {
             way.clone_from(&self.best.way);
         } else {
-            self.flood.way_into(node, way);
+            self.reach.way_into(space, node, way);
         }
     }
 }
