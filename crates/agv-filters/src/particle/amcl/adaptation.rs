@@ -78,7 +78,10 @@ where
     fn propose(&mut self, observation: &Z, sensor: &mut S, context: &ProposalContext<'_>, most: usize) -> &[Se2] {
         self.fresh.clear();
         self.fresh.resize(most, Se2::identity());
-        let written = self.proposal.propose(observation, sensor, context, &mut self.fresh);
+        // Narrow soon after a start from anywhere is not found: the first searches look everywhere.
+        let is_settled = context.updates >= u64::from(self.doubts.params().persistence);
+        let context = context.of_particles(context.particles, context.is_narrow && is_settled);
+        let written = self.proposal.propose(observation, sensor, &context, &mut self.fresh);
         self.fresh.truncate(written);
         self.fresh.retain(LieGroup::is_finite);
         &self.fresh
