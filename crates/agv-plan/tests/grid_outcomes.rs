@@ -6,8 +6,9 @@ use agv_core::path::Path;
 use agv_core::roles::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome};
 use agv_plan::Error;
 use agv_plan::grid::{
-    AStar, AStarParams, Bidirectional, Connectivity, DStarLite, Dijkstra, GridHeuristic, GridParams, GridPlannerParams,
-    GridSpace, Jps, JpsPlus, LazyThetaStar, Limits, Octile, Offset, SearchEnd, ThetaStar, UnknownCells, Workspace,
+    AStar, AStarParams, Bidirectional, Connectivity, DStarLite, Dijkstra, GridHeuristic, GridParams, GridPlanner,
+    GridPlannerParams, GridSolver, GridSpace, Jps, JpsPlus, LazyThetaStar, Limits, Octile, Offset, SearchEnd,
+    ThetaStar, UnknownCells, Workspace,
 };
 
 /// A room of 40 x 30 cells of 0.1 m, parted by a wall of column 20.
@@ -106,6 +107,67 @@ fn every_planner_ends_within_the_goal_tolerance_or_says_why_not() {
         let outcome = planner.plan_into(&parted(), &start, &beyond, &mut path);
         assert_eq!(reason(&outcome), Some(NoPathReason::Disconnected), "{name}");
         assert!(path.is_empty(), "{name}");
+    }
+}
+
+/// A goal that cannot be reached, with a tolerance: whatever the budget, the nearest end or the budget's, never "no way".
+#[test]
+fn a_budget_is_not_taken_for_a_goal_out_of_reach() {
+    let (start, beyond) = (Se2::new(0.55, 1.05, 0.5), Se2::new(2.15, 1.05, 0.0));
+    let mut path = Path::new();
+    for budget in (0..60).chain((60..1500).step_by(37)) {
+        let tolerant = GridPlannerParams { goal_tolerance: 0.25, max_expansions: budget, ..Default::default() };
+        for (name, mut planner) in all_planners(tolerant) {
+            // The second query knows the parts of the map, if the first one had the budget to find that they are apart.
+            for _ in 0..2 {
+                match planner.plan_into(&parted(), &start, &beyond, &mut path).unwrap() {
+                    PlanOutcome::Found { cost, expansions } => {
+                        assert!(cost > 1.4 - 1e-9 && expansions <= budget, "{name}, {budget}");
+                        assert!((path.points()[path.len() - 1].pose.x() - 1.95).abs() < 1e-9, "{name}, {budget}");
+                    }
+                    other => {
+                        let end = PlanOutcome::NoPath { reason: NoPathReason::Budget, expansions: budget };
+                        assert_eq!(other, end, "{name}, {budget}");
+                        assert_eq!(path.points()[0].pose, start, "{name}, {budget}");
+                    }
+                }
+            }
+        }
+    }
+}
+
+/// As above, cancelled at any question.
+#[test]
+fn a_cancel_is_not_taken_for_a_goal_out_of_reach() {
+    let layout = GridLayout::new(200, 160, 0.1, Se2::default()).unwrap();
+    let mut map = Costmap::from_costs(Grid::filled(layout, cost::FREE));
+    for y in 0..160 {
+        map.set(Cell::new(100, y), cost::LETHAL);
+    }
+    let params = GridPlannerParams { goal_tolerance: 0.5, ..Default::default() };
+    let zero = AStarParams { heuristic: GridHeuristic::Zero, goal_tolerance: 0.5, ..Default::default() };
+    for last in 1..40 {
+        cancelled_at(last, &map, Dijkstra::new(params).unwrap());
+        cancelled_at(last, &map, DStarLite::new(params).unwrap());
+        cancelled_at(last, &map, Bidirectional::new(zero).unwrap());
+    }
+}
+
+fn cancelled_at<S: GridSolver>(last: u32, map: &Costmap, mut planner: GridPlanner<S>) {
+    let (start, beyond, mut path) = (Se2::new(0.55, 8.05, 0.0), Se2::new(10.35, 8.05, 0.0), Path::new());
+    for _ in 0..2 {
+        let mut asked = 0;
+        let mut cancel = || {
+            asked += 1;
+            asked == last
+        };
+        let outcome = planner.plan_with_cancel(map, (&start, &beyond), &mut path, &mut cancel).unwrap();
+        if asked == last {
+            assert_eq!(reason(&Ok(outcome)), Some(NoPathReason::Cancelled), "{last}");
+        } else {
+            assert!(matches!(outcome, PlanOutcome::Found { cost, .. } if (cost - 9.4).abs() < 1e-9), "{outcome:?}");
+        }
+        assert_eq!(path.points()[0].pose, start);
     }
 }
 

@@ -165,15 +165,6 @@ impl GridSolver for BidirectionalSolver {
         }
     }
 
-    /// The half that begins at the start may have been left unfinished when the other had nothing left.
-    fn exhaust(&mut self, space: &GridSpace, limits: &mut Limits<'_>) -> u64 {
-        if space.is_weighted() {
-            self.forward.run(&space.weighted(), &Zero, |_| false, limits).expansions
-        } else {
-            self.forward.run(&space.uniform(), &Zero, |_| false, limits).expansions
-        }
-    }
-
     fn cost(&self, node: u32) -> Option<u32> {
         match self.met {
             Some((goal, meeting)) if goal == node => Some(meeting.cost),

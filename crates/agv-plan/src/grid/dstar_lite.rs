@@ -13,7 +13,6 @@
 //! and Furcy 2004).
 
 use super::{
-    flood::Flood,
     heuristic::{Heuristic, Manhattan, Octile, Offset},
     indexed_heap::IndexedHeap,
     limits::{Limits, SearchEnd, SearchResult},
@@ -77,7 +76,6 @@ pub struct DStarLiteSolver {
     raised: u32,
     /// Some way was too long to be counted.
     overflow: bool,
-    flood: Flood,
 }
 
 /// Valid if its generation is the solver's; otherwise nothing is known: both infinite.
@@ -343,7 +341,6 @@ impl DStarLiteSolver {
 
 impl GridSolver for DStarLiteSolver {
     fn search(&mut self, space: &GridSpace, start: u32, goal: u32, limits: &mut Limits<'_>) -> SearchResult {
-        self.flood.forget();
         if space.is_weighted() {
             self.search_with(space, &CostWeighted::of(space), (start, goal), limits)
         } else {
@@ -351,24 +348,15 @@ impl GridSolver for DStarLiteSolver {
         }
     }
 
-    fn exhaust(&mut self, space: &GridSpace, limits: &mut Limits<'_>) -> u64 {
-        self.flood.fill(space, self.start, limits)
-    }
-
-    /// Of the goal and the start, unless all was searched.
+    /// Of the goal and the start.
     fn cost(&self, node: u32) -> Option<u32> {
-        match self.flood.current() {
-            Some(flood) => flood.cost(node),
-            None if node == self.start => Some(0),
-            None if node == self.goal => Some(self.known(self.start).1).filter(|&cost| cost != INFINITE),
-            None => None,
+        if node == self.start {
+            return Some(0);
         }
+        Some(self.known(self.start).1).filter(|&cost| node == self.goal && cost != INFINITE)
     }
 
     fn way_into(&self, space: &GridSpace, node: u32, way: &mut Vec<u32>) {
-        if let Some(flood) = self.flood.current() {
-            return flood.trace_into(&space.uniform(), node, way);
-        }
         way.clear();
         if node == self.start {
             way.push(node);

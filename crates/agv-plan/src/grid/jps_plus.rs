@@ -60,10 +60,6 @@ impl GridSolver for JpsPlusSolver {
         self.search.run(space, &self.table, (start, goal), limits)
     }
 
-    fn exhaust(&mut self, space: &GridSpace, limits: &mut Limits<'_>) -> u64 {
-        self.search.exhaust(space, limits)
-    }
-
     fn cost(&self, node: u32) -> Option<u32> {
         self.search.cost(node)
     }

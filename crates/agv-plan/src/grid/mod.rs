@@ -89,7 +89,6 @@ mod bidirectional;
 mod components;
 mod dijkstra;
 mod dstar_lite;
-mod flood;
 mod heuristic;
 mod indexed_heap;
 mod jps;
