@@ -190,6 +190,57 @@ fn every_planner_leaves_the_best_path_so_far() {
     }
 }
 
+/// Between the first whole way and the proof that none is better, the budget leaves the whole way.
+#[test]
+fn a_whole_way_that_is_known_is_the_best_so_far() {
+    let (start, goal) = (Se2::new(0.15, 0.15, 0.0), Se2::new(3.95, 2.85, 0.0));
+    let mut map = parted();
+    for y in [0, 15, 29] {
+        map.set(Cell::new(20, y), cost::FREE);
+    }
+    for heuristic in [GridHeuristic::Exact, GridHeuristic::Zero] {
+        let (mut path, mut whole) = (Path::new(), 0);
+        for max_expansions in 0.. {
+            let params = AStarParams { heuristic, max_expansions, ..Default::default() };
+            let outcome = Bidirectional::new(params).unwrap().plan_into(&map, &start, &goal, &mut path).unwrap();
+            let at_goal = path.points()[path.len() - 1].pose == goal;
+            assert!(at_goal || whole == 0, "{heuristic:?}: a whole way was known before {max_expansions}");
+            if matches!(outcome, PlanOutcome::Found { .. }) {
+                break;
+            }
+            assert_eq!(reason(&Ok(outcome)), Some(NoPathReason::Budget));
+            whole += u32::from(at_goal);
+        }
+        assert!(whole > 0, "{heuristic:?}");
+    }
+}
+
+/// Corridors that lie to and fro, 90 000 cells of 51 times their length: more than the integers of the search can count.
+#[test]
+fn a_way_too_long_to_be_counted_is_not_said_to_be_none() {
+    let layout = GridLayout::new(600, 300, 0.1, Se2::default()).unwrap();
+    let mut map = Costmap::from_costs(Grid::filled(layout, cost::MAX_NON_OBSTACLE));
+    for y in (1..300).step_by(2) {
+        for x in 0..599 {
+            map.set(Cell::new(if y % 4 == 1 { x } else { x + 1 }, y), cost::LETHAL);
+        }
+    }
+    let (start, goal) = (Se2::new(0.05, 0.05, 0.0), Se2::new(0.05, 29.85, 0.0));
+    let grid = GridParams { cost_weight: GridParams::MAX_COST_WEIGHT, ..Default::default() };
+    let guided = AStarParams { grid, ..Default::default() };
+    let params = GridPlannerParams { grid, ..Default::default() };
+    let planners: [(_, Box<dyn GlobalPlanner>); 4] = [
+        ("A*", Box::new(AStar::new(guided).unwrap())),
+        ("Dijkstra", Box::new(Dijkstra::new(params).unwrap())),
+        ("bidirectional", Box::new(Bidirectional::new(guided).unwrap())),
+        ("D* Lite", Box::new(DStarLite::new(params).unwrap())),
+    ];
+    for (name, mut planner) in planners {
+        let outcome = planner.plan_into(&map, &start, &goal, &mut Path::new());
+        assert_eq!(reason(&outcome), Some(NoPathReason::Budget), "{name}: {outcome:?}");
+    }
+}
+
 #[test]
 fn what_nothing_joins_is_known_without_a_search() {
     let (start, beyond) = (Se2::new(0.55, 1.05, 0.5), Se2::new(3.05, 1.05, 0.0));
