@@ -55,8 +55,7 @@ impl Jps {
 
 impl GridSolver for JpsSolver {
     fn search(&mut self, space: &GridSpace, start: u32, goal: u32, limits: &mut Limits<'_>) -> SearchResult {
-        self.runs.update(space);
-        self.search.run(space, &self.runs, (start, goal), limits)
+        self.search.run(space, &self.runs.scan(space), (start, goal), limits)
     }
 
     fn cost(&self, node: u32) -> Option<u32> {

@@ -64,8 +64,10 @@ pub trait GridSolver {
 /// [`STRAIGHT`](super::STRAIGHT)). The costmap may be another one in every call; what it has in common with the last one is
 /// not computed again. Where a query found start and goal in parts of the map that nothing joins, those parts are labelled:
 /// until the map changes, such queries are answered without a search. With a goal tolerance the cell is then searched for that
-/// is nearest to the goal among those joined to the start. Queries on maps no larger than an earlier one allocate nothing beyond the growth of `path` and,
-/// rarely, of the open list.
+/// is nearest to the goal among those joined to the start.
+///
+/// On maps no larger than an earlier one, queries allocate nothing beyond the growth of `path` and, rarely, of the open list;
+/// the first query between parts that nothing joins allocates the labels.
 ///
 /// With [`NoPathReason::Budget`] and [`NoPathReason::Cancelled`] the path leads to the reached cell that is nearest to the
 /// goal.
