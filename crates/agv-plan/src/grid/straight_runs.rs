@@ -12,7 +12,7 @@ use super::{
     space::GridSpace,
     step::Step,
 };
-use agv_core::grid::{Cell, CellRect, Revision};
+use agv_core::grid::{Cell, Revision};
 
 /// Cells along a side of a block.
 const BLOCK: usize = 64;
@@ -47,9 +47,7 @@ impl StraightRuns {
         let Some(layout) = space.layout() else { return };
         let (width, height) = (layout.width(), layout.height());
         let same_size = (width, height) == (self.width, self.height);
-        let whole = CellRect::whole(width, height);
-        let seen = self.seen.replace(space.revision().clone()).filter(|_| same_size);
-        let Some(changed) = seen.map_or(Some(whole), |seen| space.changed_since(&seen)) else { return };
+        let Some(changed) = space.follow(&mut self.seen) else { return };
         if !same_size {
             (self.width, self.height) = (width, height);
             self.words = [width.div_ceil(BLOCK), height.div_ceil(BLOCK)];
