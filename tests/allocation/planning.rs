@@ -4,14 +4,14 @@ use crate::{counter, scenes};
 use agv_nav::core::{
     compute::Seed,
     geometry::Se2,
-    grid::{Cell, CellState, Costmap, Inflation, InflationParams},
+    grid::{Cell, CellState, Costmap, Inflation, InflationParams, cost},
     path::Path,
     roles::{GlobalPlanner, PlanOutcome},
 };
 use agv_nav::plan::{
     aco::{AntColony, ColonyParams, SparrowParams, SparrowSearch},
     grid::{
-        AStar, AStarParams, Bidirectional, Components, Connectivity, DStarLite, Dijkstra, GridParams,
+        AStar, AStarParams, Anya, Bidirectional, Components, Connectivity, DStarLite, Dijkstra, GridParams,
         GridPlannerParams, GridSpace, Jps, JpsPlus, LazyThetaStar, Potential, ThetaStar,
     },
     smooth::{KeyNodes, KeyNodesParams},
@@ -37,6 +37,10 @@ fn grids() -> impl Iterator<Item = GridParams> {
 #[test]
 fn grid_planners() {
     let costmaps = costmaps();
+    let mut parted = costmaps[0].clone();
+    for y in 0..102 {
+        parted.set(Cell::new(80, y), cost::LETHAL);
+    }
     for grid in grids() {
         let (guided, params) =
             (AStarParams { grid, ..Default::default() }, GridPlannerParams { grid, ..Default::default() });
@@ -49,6 +53,7 @@ fn grid_planners() {
         if grid.cost_weight == 0.0 {
             planners.push(Box::new(Jps::new(params).unwrap()));
             planners.push(Box::new(JpsPlus::new(params).unwrap()));
+            planners.push(Box::new(Anya::new(params).unwrap()));
             planners.push(Box::new(ThetaStar::new(params).unwrap()));
             planners.push(Box::new(LazyThetaStar::new(params).unwrap()));
             let colony = ColonyParams { ants: 10, iterations: 5, ..ColonyParams::refined() };
@@ -58,17 +63,18 @@ fn grid_planners() {
         }
         for mut planner in planners {
             let mut path = Path::new();
-            let mut run = |costmap: &Costmap, start: &Se2, goal: &Se2| {
+            let mut run = |costmap: &Costmap, start: &Se2, goal: &Se2, is_joined: bool| {
                 let outcome = planner.plan_into(costmap, start, goal, &mut path);
-                assert!(matches!(outcome, Ok(PlanOutcome::Found { .. })), "{outcome:?}");
+                assert_eq!(matches!(outcome, Ok(PlanOutcome::Found { .. })), is_joined, "{outcome:?}");
             };
-            // Both maps, both ways: the open list and the path have had their sizes.
+            // Both maps, both ways, and no way: the open list, the path and the labels have had their sizes.
             let [start, goal] = corners();
             let mut round = || {
                 for costmap in &costmaps {
-                    run(costmap, &start, &goal);
-                    run(costmap, &goal, &start);
+                    run(costmap, &start, &goal, true);
+                    run(costmap, &goal, &start, true);
                 }
+                run(&parted, &start, &goal, false);
             };
             round();
             assert_eq!(counter::count(round), 0, "{grid:?}");

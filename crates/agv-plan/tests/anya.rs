@@ -162,3 +162,55 @@ fn public_grids_have_their_stated_lengths() {
     }
     assert_eq!(count, 42);
 }
+
+/// Cells that come and go: the planner that follows them answers as one made anew.
+#[test]
+fn a_changing_map_is_followed() {
+    let layout = GridLayout::new(40, 30, 0.5, Se2::new(2.0, -3.0, 0.7)).unwrap();
+    let mut costmap = Costmap::from_costs(Grid::filled(layout, cost::FREE));
+    let mut planner = Anya::new(GridPlannerParams::default()).unwrap();
+    let (start, goal) = (Cell::new(1, 14), Cell::new(38, 15));
+    for x in (4..36).step_by(4) {
+        for y in 0..29 {
+            costmap.set(Cell::new(x, if x % 8 == 0 { y } else { 29 - y }), cost::LETHAL);
+            if y % 4 == 0 {
+                let mut fresh = Anya::new(GridPlannerParams::default()).unwrap();
+                let want = solve(&mut fresh, &costmap, start, goal);
+                assert!(want.is_some());
+                assert_eq!(solve(&mut planner, &costmap, start, goal), want, "({x}, {y})");
+            }
+        }
+    }
+    costmap.set(Cell::new(4, 0), cost::LETHAL);
+    assert_eq!(solve(&mut planner, &costmap, start, goal), None);
+    costmap.set(Cell::new(4, 14), cost::FREE);
+    assert!(solve(&mut planner, &costmap, start, goal).is_some());
+}
+
+/// Pillars and a wall behind them, open at its far end: many corners to bend round.
+#[test]
+fn a_callback_cancels() {
+    let layout = GridLayout::new(120, 120, 0.1, Se2::default()).unwrap();
+    let mut grid = Grid::filled(layout, cost::FREE);
+    for index in 0..layout.len() {
+        let cell = layout.cell(index);
+        let is_pillar = (cell.x * 7 + cell.y * 13) % 5 == 1 && cell.x % 2 == 1 && cell.y % 2 == 1;
+        if is_pillar || (cell.x == 110 && cell.y < 119) {
+            grid.set(cell, cost::LETHAL);
+        }
+    }
+    let (costmap, mut path) = (Costmap::from_costs(grid), Path::new());
+    let mut planner = Anya::new(GridPlannerParams::default()).unwrap();
+    let (start, goal) = (Se2::new(0.05, 0.05, 0.0), Se2::new(11.85, 0.05, 0.0));
+    let mut asked = 0;
+    let mut cancel = || {
+        asked += 1;
+        asked == 2
+    };
+    let outcome = planner.plan_with_cancel(&costmap, (&start, &goal), &mut path, &mut cancel).unwrap();
+    let expansions = 2 * agv_plan::grid::Limits::CANCEL_INTERVAL;
+    assert_eq!(outcome, PlanOutcome::NoPath { reason: NoPathReason::Cancelled, expansions });
+    assert_eq!(path.points()[0].pose, start);
+    assert!(path.points()[path.len() - 1].pose.x() > 1.0, "towards the goal");
+    assert!(matches!(planner.plan_into(&costmap, &start, &goal, &mut path), Ok(PlanOutcome::Found { .. })));
+}

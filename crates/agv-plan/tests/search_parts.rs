@@ -187,17 +187,17 @@ fn a_lattice_with_headings_is_searched_in_a_sparse_store() {
     assert!(way.iter().all(|&node| !(lattice.blocked)(Lattice::pose(node).0)));
 }
 
-/// What D* Lite takes from the core: pairs of numbers as keys, that may fall, in the heap; its `g` and `rhs` in a store.
+/// What a search that mends its answer needs: keys in the heap that fall, and costs in a store that rise.
 #[test]
-fn keys_may_be_pairs_and_fall() {
-    let mut open: HeapQueue<(u32, u32)> = HeapQueue::default();
+fn keys_may_fall_and_costs_may_rise() {
+    let mut open = HeapQueue::default();
     open.reset(0, 4);
-    for (node, key) in [(0, (5, 2)), (1, (5, 1)), (2, (7, 0))] {
-        open.push(key, agv_plan::grid::Entry { node, cost: key.1 });
+    for (node, key) in [(0, 6), (1, 5), (2, 7)] {
+        open.push(key, agv_plan::grid::Entry { node, cost: key });
     }
-    assert_eq!(open.pop().map(|(key, entry)| (key, entry.node)), Some(((5, 1), 1)));
-    open.push((3, 9), agv_plan::grid::Entry { node: 3, cost: 9 });
-    assert_eq!(open.least_key(), Some((3, 9)));
+    assert_eq!(open.pop().map(|(key, entry)| (key, entry.node)), Some((5, 1)));
+    open.push(3, agv_plan::grid::Entry { node: 3, cost: 3 });
+    assert_eq!(open.least_key(), Some(3));
     let mut nodes: SparseNodes<u32> = SparseNodes::default();
     nodes.begin(10);
     assert!(

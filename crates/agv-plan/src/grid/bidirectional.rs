@@ -107,9 +107,10 @@ impl BidirectionalSolver {
         self.backward.add_start(to_start, goal, 0);
         self.met = None;
         let best = Cell::new((start == goal).then_some(Meeting { cost: 0, node: start }));
+        let overflow = Cell::new(false);
         let mut result = SearchResult { end: SearchEnd::Exhausted, expansions: 0, nearest: start };
         let mut nearest_estimate = u32::MAX;
-        let mut pause = limits.next_pause(0);
+        let (mut pause, mut stopped) = (limits.next_pause(0), None);
         let mut is_forward = false;
         while let (Some(ahead), Some(behind)) = (self.forward.least_key(), self.backward.least_key()) {
             if best.get().is_some_and(|meeting| meeting.cost <= ahead.max(behind)) {
@@ -117,8 +118,8 @@ impl BidirectionalSolver {
             }
             if result.expansions >= pause {
                 if let Some(end) = limits.stopped(result.expansions) {
-                    result.end = end;
-                    return result;
+                    stopped = Some(end);
+                    break;
                 }
                 pause = limits.next_pause(result.expansions);
             }
@@ -144,12 +145,21 @@ impl BidirectionalSolver {
                     (nearest_estimate, result.nearest) = (estimate, at.node);
                 }
             }
-            one.expand(&Watched { space, other, best: &best, rest }, rest, at);
+            one.expand(&Watched { space, other, best: &best, overflow: &overflow, rest }, rest, at);
         }
         self.met = best.get().map(|meeting| (goal, meeting));
-        if let Some(Meeting { cost, .. }) = best.get() {
-            result.end = SearchEnd::Goal { node: goal, cost };
+        // A whole way may be known before it is known to be the best: it is what there is so far.
+        if self.met.is_some() {
+            result.nearest = goal;
         }
+        result.end = match (stopped, self.met) {
+            (Some(end), _) => end,
+            (None, Some((node, Meeting { cost, .. }))) => SearchEnd::Goal { node, cost },
+            (None, None) if overflow.get() || self.forward.has_overflowed() || self.backward.has_overflowed() => {
+                SearchEnd::Budget
+            }
+            (None, None) => SearchEnd::Exhausted,
+        };
         result
     }
 }
@@ -162,15 +172,6 @@ impl GridSolver for BidirectionalSolver {
             GridHeuristic::Manhattan => self.search_by(space, Manhattan, ends, limits),
             GridHeuristic::Euclidean => self.search_by(space, Euclidean, ends, limits),
             GridHeuristic::Zero => self.search_by(space, |_| Zero, ends, limits),
-        }
-    }
-
-    /// The half that begins at the start may have been left unfinished when the other had nothing left.
-    fn exhaust(&mut self, space: &GridSpace, limits: &mut Limits<'_>) -> u64 {
-        if space.is_weighted() {
-            self.forward.run(&space.weighted(), &Zero, |_| false, limits).expansions
-        } else {
-            self.forward.run(&space.uniform(), &Zero, |_| false, limits).expansions
         }
     }
 
@@ -202,6 +203,8 @@ struct Watched<'a, S, H> {
     space: &'a S,
     other: &'a Workspace<Step>,
     best: &'a Cell<Option<Meeting>>,
+    /// Whether the halves of some way are together too long to be counted.
+    overflow: &'a Cell<bool>,
     /// A bound on the rest of the way.
     rest: &'a H,
 }
@@ -240,7 +243,7 @@ impl<F: Frontier<Step>, S, H: Heuristic> Frontier<Step> for Watching<'_, '_, F, 
 
     #[inline]
     fn reach(&mut self, node: u32, cost: u32, link: Step) {
-        let Watched { other, best, rest, .. } = self.watched;
+        let Watched { other, best, overflow, rest, .. } = self.watched;
         // No way through the node is better than the one that is known.
         if best.get().is_some_and(|meeting| cost.saturating_add(rest.estimate(node)) >= meeting.cost) {
             return;
@@ -248,7 +251,9 @@ impl<F: Frontier<Step>, S, H: Heuristic> Frontier<Step> for Watching<'_, '_, F, 
         self.frontier.reach(node, cost, link);
         if let Some(rest) = other.cost(node) {
             let cost = cost.saturating_add(rest);
-            if best.get().is_none_or(|meeting| cost < meeting.cost) {
+            if cost == u32::MAX {
+                overflow.set(true);
+            } else if best.get().is_none_or(|meeting| cost < meeting.cost) {
                 best.set(Some(Meeting { cost, node }));
             }
         }

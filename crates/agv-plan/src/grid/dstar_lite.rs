@@ -13,13 +13,12 @@
 //! and Furcy 2004).
 
 use super::{
-    flood::Flood,
     heuristic::{Heuristic, Manhattan, Octile, Offset},
     indexed_heap::IndexedHeap,
     limits::{Limits, SearchEnd, SearchResult},
+    nodes::{DenseNodes, Known, NodeStore},
     planner::{GridPlanner, GridPlannerParams, GridSolver},
     space::{GridParams, GridSpace},
-    step::Step,
     view::{CostWeighted, Lengths, StepPrices},
 };
 use crate::Error;
@@ -62,8 +61,8 @@ pub type DStarLite = GridPlanner<DStarLiteSolver>;
 /// The search of [`DStarLite`], with all it knows from earlier queries.
 #[derive(Debug, Clone, Default)]
 pub struct DStarLiteSolver {
-    records: Vec<Record>,
-    generation: u32,
+    /// `g` as the cost and `rhs` as the link; what is not in it is infinite.
+    nodes: DenseNodes<u32>,
     open: IndexedHeap,
     /// The space as it was seen last.
     seen: Option<Revision>,
@@ -77,15 +76,6 @@ pub struct DStarLiteSolver {
     raised: u32,
     /// Some way was too long to be counted.
     overflow: bool,
-    flood: Flood,
-}
-
-/// Valid if its generation is the solver's; otherwise nothing is known: both infinite.
-#[derive(Debug, Clone, Copy, Default)]
-struct Record {
-    g: u32,
-    rhs: u32,
-    generation: u32,
 }
 
 const INFINITE: u32 = u32::MAX;
@@ -104,17 +94,12 @@ impl DStarLiteSolver {
     /// What is known of a node: `g` and `rhs`.
     #[inline]
     fn known(&self, node: u32) -> (u32, u32) {
-        match self.records.get(node as usize) {
-            Some(record) if record.generation == self.generation => (record.g, record.rhs),
-            _ => (INFINITE, INFINITE),
-        }
+        self.nodes.get(node).map_or((INFINITE, INFINITE), |known| (known.cost, known.link))
     }
 
     #[inline]
     fn put(&mut self, node: u32, (g, rhs): (u32, u32)) {
-        if let Some(record) = self.records.get_mut(node as usize) {
-            *record = Record { g, rhs, generation: self.generation };
-        }
+        self.nodes.set(node, Known { cost: g, link: rhs });
     }
 
     /// Both parts of the key, the first one in front.
@@ -138,9 +123,9 @@ impl DStarLiteSolver {
     }
 
     /// What the neighbours promise, anew.
-    fn promise(&mut self, space: &GridSpace, prices: &impl StepPrices, node: u32) -> u32 {
+    fn promise(&mut self, graph: &Graph<impl StepPrices>, node: u32) -> u32 {
         let mut least = INFINITE;
-        for (next, price) in neighbours(space, prices, node) {
+        for (next, price) in graph.neighbours(node) {
             let (g, _) = self.known(next);
             least = least.min(self.sum(g, price));
         }
@@ -154,9 +139,9 @@ impl DStarLiteSolver {
         sum
     }
 
-    fn mend(&mut self, space: &GridSpace, prices: &impl StepPrices, bound: &impl Heuristic, node: u32) {
+    fn mend(&mut self, graph: &Graph<impl StepPrices>, bound: &impl Heuristic, node: u32) {
         if node != self.goal {
-            let rhs = self.promise(space, prices, node);
+            let rhs = self.promise(graph, node);
             let (g, before) = self.known(node);
             if rhs != before {
                 self.put(node, (g, rhs));
@@ -167,12 +152,7 @@ impl DStarLiteSolver {
 
     /// Forgets everything but the goal.
     fn begin(&mut self, space: &GridSpace, bound: &impl Heuristic, goal: u32) {
-        self.generation = self.generation.wrapping_add(1);
-        if self.generation == 0 {
-            self.records.fill(Record::default());
-            self.generation = 1;
-        }
-        self.records.resize(space.len(), Record::default());
+        self.nodes.begin(space.len());
         self.open.reset(space.len());
         (self.goal, self.raised, self.overflow) = (goal, 0, false);
         self.put(goal, (INFINITE, 0));
@@ -180,19 +160,12 @@ impl DStarLiteSolver {
     }
 
     /// Follows the space and the start, or begins anew.
-    fn follow(
-        &mut self,
-        space: &GridSpace,
-        prices: &impl StepPrices,
-        bound: &impl Heuristic,
-        (start, goal): (u32, u32),
-    ) {
+    fn follow(&mut self, graph: &Graph<impl StepPrices>, bound: &impl Heuristic, (start, goal): (u32, u32)) {
+        let space = graph.space;
         let Some(layout) = space.layout() else { return };
         let size = (layout.width(), layout.height());
         let is_known = self.seen.is_some() && self.size == size && self.params == *space.params();
-        let whole = CellRect::whole(size.0, size.1);
-        let seen = self.seen.replace(space.revision().clone()).filter(|_| is_known);
-        let changed = seen.map_or(Some(whole), |seen| space.changed_since(&seen));
+        let changed = space.follow(&mut self.seen);
         (self.size, self.params) = (size, *space.params());
         // The bound of where the vehicle was from where it is.
         let moved = if is_known { bound.estimate(self.start) } else { 0 };
@@ -205,47 +178,44 @@ impl DStarLiteSolver {
             self.begin(space, bound, goal);
         }
         let Some(CellRect { min, max }) = changed else { return };
+        if goes_on {
+            (min.y..=max.y).for_each(|y| self.mend_row(graph, bound, y, (min.x, max.x)));
+        }
         for y in min.y..=max.y {
             let first = y as usize * size.0;
             let cells = first + min.x as usize..=first + max.x as usize;
-            if goes_on {
-                self.mend_row(space, prices, bound, (y, min.x..=max.x));
-            }
             self.masks[cells.clone()].copy_from_slice(&space.masks()[cells.clone()]);
             self.costs[cells.clone()].copy_from_slice(&space.costs()[cells]);
         }
     }
 
-    /// Mends the cells of a row whose steps have changed.
-    fn mend_row(
-        &mut self,
-        space: &GridSpace,
-        prices: &impl StepPrices,
-        bound: &impl Heuristic,
-        (y, columns): (i32, std::ops::RangeInclusive<i32>),
-    ) {
-        for x in columns {
-            let Some(node) = space.node(Cell::new(x, y)) else { continue };
-            let (index, weighted) = (node as usize, space.is_weighted());
-            if weighted && self.costs[index] != space.costs()[index] {
-                // Steps to and from it cost something else.
-                for step in Step::ALL {
-                    if let Some(beside) = space.node(step.from(Cell::new(x, y))) {
-                        self.mend(space, prices, bound, beside);
-                    }
-                }
-                self.mend(space, prices, bound, node);
-            } else if self.masks[index] != space.mask(node) {
-                self.mend(space, prices, bound, node);
+    /// Mends the cells of a row whose steps have changed, or where steps cost more than their length, the cost of a cell at
+    /// either end.
+    fn mend_row(&mut self, graph: &Graph<impl StepPrices>, bound: &impl Heuristic, y: i32, (first, last): (i32, i32)) {
+        let costs_differ = graph.space.is_weighted() && self.differs_around(graph.space, y, (first, last));
+        for x in first..=last {
+            let Some(node) = graph.space.node(Cell::new(x, y)) else { continue };
+            let steps_differ = self.masks[node as usize] != graph.space.mask(node);
+            if steps_differ || (costs_differ && self.differs_around(graph.space, y, (x, x))) {
+                self.mend(graph, bound, node);
             }
         }
+    }
+
+    /// Whether a cell of the row between these columns, or one beside them, costs something else than it did.
+    fn differs_around(&self, space: &GridSpace, y: i32, (first, last): (i32, i32)) -> bool {
+        let (width, height) = (self.size.0 as i32, self.size.1 as i32);
+        let (first, last) = ((first - 1).max(0), (last + 1).min(width - 1));
+        ((y - 1).max(0)..=(y + 1).min(height - 1)).any(|y| {
+            let cells = (y * width + first) as usize..=(y * width + last) as usize;
+            self.costs[cells.clone()] != space.costs()[cells]
+        })
     }
 
     /// Expands until the start is known.
     fn settle(
         &mut self,
-        space: &GridSpace,
-        prices: &impl StepPrices,
+        graph: &Graph<impl StepPrices>,
         bound: &impl Heuristic,
         limits: &mut Limits<'_>,
     ) -> SearchResult {
@@ -270,7 +240,7 @@ impl DStarLiteSolver {
                 continue;
             }
             result.expansions += 1;
-            self.expand(space, prices, bound, node);
+            self.expand(graph, bound, node);
         }
         match self.known(self.start) {
             (_, INFINITE) if self.overflow => result.end = SearchEnd::Budget,
@@ -280,12 +250,12 @@ impl DStarLiteSolver {
         result
     }
 
-    fn expand(&mut self, space: &GridSpace, prices: &impl StepPrices, bound: &impl Heuristic, node: u32) {
+    fn expand(&mut self, graph: &Graph<impl StepPrices>, bound: &impl Heuristic, node: u32) {
         let (g, rhs) = self.known(node);
         if g > rhs {
             self.put(node, (rhs, rhs));
             self.open.remove(node);
-            for (beside, price) in neighbours(space, prices, node) {
+            for (beside, price) in graph.neighbours(node) {
                 let (g, before) = self.known(beside);
                 let promised = self.sum(rhs, price);
                 if promised < before && beside != self.goal {
@@ -296,9 +266,9 @@ impl DStarLiteSolver {
         } else {
             self.put(node, (INFINITE, rhs));
             self.list(bound, node);
-            for (beside, price) in neighbours(space, prices, node) {
+            for (beside, price) in graph.neighbours(node) {
                 if self.known(beside).1 == g.saturating_add(price) {
-                    self.mend(space, prices, bound, beside);
+                    self.mend(graph, bound, beside);
                 }
             }
         }
@@ -306,33 +276,32 @@ impl DStarLiteSolver {
 
     fn search_with(
         &mut self,
-        space: &GridSpace,
-        prices: &impl StepPrices,
+        graph: &Graph<impl StepPrices>,
         (start, goal): (u32, u32),
         limits: &mut Limits<'_>,
     ) -> SearchResult {
         // Distances to where the vehicle is.
-        let offset = Offset::to(space, start);
-        match space.params().connectivity {
+        let offset = Offset::to(graph.space, start);
+        match graph.space.params().connectivity {
             Connectivity::Eight => {
-                self.follow(space, prices, &Octile(offset), (start, goal));
-                self.settle(space, prices, &Octile(offset), limits)
+                self.follow(graph, &Octile(offset), (start, goal));
+                self.settle(graph, &Octile(offset), limits)
             }
             Connectivity::Four => {
-                self.follow(space, prices, &Manhattan(offset), (start, goal));
-                self.settle(space, prices, &Manhattan(offset), limits)
+                self.follow(graph, &Manhattan(offset), (start, goal));
+                self.settle(graph, &Manhattan(offset), limits)
             }
         }
     }
 
     /// From the start, each time to the neighbour that promises most.
-    fn descend(&self, space: &GridSpace, prices: &impl StepPrices, way: &mut Vec<u32>) {
+    fn descend(&self, graph: &Graph<impl StepPrices>, way: &mut Vec<u32>) {
         let mut node = self.start;
         // No way is longer than there are cells.
-        while node != self.goal && way.len() <= space.len() {
+        while node != self.goal && way.len() <= graph.space.len() {
             way.push(node);
             let promised = |(next, price): (u32, u32)| (self.known(next).0.saturating_add(price), next);
-            match neighbours(space, prices, node).map(promised).min() {
+            match graph.neighbours(node).map(promised).min() {
                 Some((cost, next)) if cost != INFINITE => node = next,
                 _ => return way.clear(),
             }
@@ -343,52 +312,56 @@ impl DStarLiteSolver {
 
 impl GridSolver for DStarLiteSolver {
     fn search(&mut self, space: &GridSpace, start: u32, goal: u32, limits: &mut Limits<'_>) -> SearchResult {
-        self.flood.forget();
         if space.is_weighted() {
-            self.search_with(space, &CostWeighted::of(space), (start, goal), limits)
+            self.search_with(&Graph::new(space, CostWeighted::of(space)), (start, goal), limits)
         } else {
-            self.search_with(space, &Lengths, (start, goal), limits)
+            self.search_with(&Graph::new(space, Lengths), (start, goal), limits)
         }
     }
 
-    fn exhaust(&mut self, space: &GridSpace, limits: &mut Limits<'_>) -> u64 {
-        self.flood.fill(space, self.start, limits)
-    }
-
-    /// Of the goal and the start, unless all was searched.
+    /// Of the goal and the start.
     fn cost(&self, node: u32) -> Option<u32> {
-        match self.flood.current() {
-            Some(flood) => flood.cost(node),
-            None if node == self.start => Some(0),
-            None if node == self.goal => Some(self.known(self.start).1).filter(|&cost| cost != INFINITE),
-            None => None,
+        if node == self.start {
+            return Some(0);
         }
+        Some(self.known(self.start).1).filter(|&cost| node == self.goal && cost != INFINITE)
     }
 
     fn way_into(&self, space: &GridSpace, node: u32, way: &mut Vec<u32>) {
-        if let Some(flood) = self.flood.current() {
-            return flood.trace_into(&space.uniform(), node, way);
-        }
         way.clear();
         if node == self.start {
             way.push(node);
         } else if node == self.goal && space.is_weighted() {
-            self.descend(space, &CostWeighted::of(space), way);
+            self.descend(&Graph::new(space, CostWeighted::of(space)), way);
         } else if node == self.goal {
-            self.descend(space, &Lengths, way);
+            self.descend(&Graph::new(space, Lengths), way);
         }
     }
 }
 
-/// Neighbours of a node and what the steps to them cost, which is what those back do.
-#[inline]
-fn neighbours<P: StepPrices>(space: &GridSpace, prices: &P, node: u32) -> impl Iterator<Item = (u32, u32)> {
-    let (mut open, strides, from) = (space.mask(node), space.strides(), prices.leaving(node));
-    std::iter::from_fn(move || {
-        let bit = open.trailing_zeros();
-        let stride = strides.get(bit as usize)?;
-        open &= open - 1;
-        let next = node.wrapping_add(*stride);
-        Some((next, prices.price(from, next, bit >= 4)))
-    })
+/// The space as it is searched.
+#[derive(Debug, Clone, Copy)]
+struct Graph<'a, P> {
+    space: &'a GridSpace,
+    prices: P,
+    strides: [u32; 8],
+}
+
+impl<'a, P: StepPrices> Graph<'a, P> {
+    fn new(space: &'a GridSpace, prices: P) -> Self {
+        Self { space, prices, strides: space.strides() }
+    }
+
+    /// Neighbours of a node and what the steps to them cost, which is what those back do.
+    #[inline]
+    fn neighbours(&self, node: u32) -> impl Iterator<Item = (u32, u32)> {
+        let (mut open, from) = (self.space.mask(node), self.prices.leaving(node));
+        std::iter::from_fn(move || {
+            let bit = open.trailing_zeros();
+            let stride = self.strides.get(bit as usize)?;
+            open &= open - 1;
+            let next = node.wrapping_add(*stride);
+            Some((next, self.prices.price(from, next, bit >= 4)))
+        })
+    }
 }

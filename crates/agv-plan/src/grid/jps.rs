@@ -4,7 +4,6 @@
 //! (block-based scanning and intermediate pruning, B and P of Harabor and Grastien, *Improving jump point search*, 2014).
 
 use super::{
-    flood::Flood,
     heuristic::{Manhattan, Octile, Offset},
     jumps::{Jump, JumpPoints, Runs, turning_node},
     limits::{Limits, SearchResult},
@@ -56,12 +55,7 @@ impl Jps {
 
 impl GridSolver for JpsSolver {
     fn search(&mut self, space: &GridSpace, start: u32, goal: u32, limits: &mut Limits<'_>) -> SearchResult {
-        self.runs.update(space);
-        self.search.run(space, &self.runs, (start, goal), limits)
-    }
-
-    fn exhaust(&mut self, space: &GridSpace, limits: &mut Limits<'_>) -> u64 {
-        self.search.exhaust(space, limits)
+        self.search.run(space, &self.runs.scan(space), (start, goal), limits)
     }
 
     fn cost(&self, node: u32) -> Option<u32> {
@@ -77,8 +71,6 @@ impl GridSolver for JpsSolver {
 #[derive(Debug, Clone, Default)]
 pub(super) struct JumpSearch {
     workspace: Workspace<Jump>,
-    start: u32,
-    flood: Flood,
 }
 
 impl JumpSearch {
@@ -89,8 +81,6 @@ impl JumpSearch {
         (start, goal): (u32, u32),
         limits: &mut Limits<'_>,
     ) -> SearchResult {
-        self.start = start;
-        self.flood.forget();
         let (jumps, is_goal, offset) = (JumpPoints::new(space, runs, goal), |n| n == goal, Offset::to(space, goal));
         match space.params().connectivity {
             Connectivity::Eight => self.workspace.search(&jumps, &Octile(offset), start, is_goal, limits),
@@ -98,19 +88,11 @@ impl JumpSearch {
         }
     }
 
-    /// The cells between jump points are reached too, but nothing is known of them: they are searched one by one.
-    pub(super) fn exhaust(&mut self, space: &GridSpace, limits: &mut Limits<'_>) -> u64 {
-        self.flood.fill(space, self.start, limits)
-    }
-
     pub(super) fn cost(&self, node: u32) -> Option<u32> {
-        self.flood.current().map_or_else(|| self.workspace.cost(node), |flood| flood.cost(node))
+        self.workspace.cost(node)
     }
 
     pub(super) fn way_into(&self, space: &GridSpace, node: u32, way: &mut Vec<u32>) {
-        if let Some(flood) = self.flood.current() {
-            return flood.trace_into(&space.uniform(), node, way);
-        }
         way.clear();
         let mut next = self.workspace.link(node).map(|link| (node, link));
         while let Some((node, link)) = next {

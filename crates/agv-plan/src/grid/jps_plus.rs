@@ -12,8 +12,8 @@ use crate::Error;
 
 /// JPS+: paths as those of [`Jps`](super::Jps), sooner, for maps that seldom change.
 ///
-/// Beside the graph it keeps 16 bytes per cell, computed when the first query comes (some 20 to 30 ns per cell) and followed where
-/// the costmap changes: the rows and columns of the changed cells, and the diagonals of the whole map.
+/// Beside the graph it keeps 16 bytes per cell, computed when the first query comes and followed where the costmap changes:
+/// the rows and columns of the changed cells, and the diagonals of the whole map.
 ///
 /// ```
 /// use agv_core::geometry::Se2;
@@ -58,10 +58,6 @@ impl GridSolver for JpsPlusSolver {
     fn search(&mut self, space: &GridSpace, start: u32, goal: u32, limits: &mut Limits<'_>) -> SearchResult {
         self.prepare(space);
         self.search.run(space, &self.table, (start, goal), limits)
-    }
-
-    fn exhaust(&mut self, space: &GridSpace, limits: &mut Limits<'_>) -> u64 {
-        self.search.exhaust(space, limits)
     }
 
     fn cost(&self, node: u32) -> Option<u32> {

@@ -42,9 +42,7 @@ impl JumpTable {
         let Some(layout) = space.layout() else { return };
         let (width, height) = (layout.width(), layout.height());
         let same_size = (width, height) == (self.width, self.height);
-        let whole = CellRect::whole(width, height);
-        let seen = self.seen.replace(space.revision().clone()).filter(|_| same_size);
-        let Some(CellRect { min, max }) = seen.map_or(Some(whole), |seen| space.changed_since(&seen)) else { return };
+        let Some(CellRect { min, max }) = space.follow(&mut self.seen) else { return };
         if !same_size {
             (self.width, self.height, self.strides) = (width, height, space.strides());
             self.records.clear();

@@ -9,7 +9,7 @@ pub struct Limits<'a> {
 }
 
 impl Limits<'_> {
-    /// Expansions between two questions to `cancel`: some 25 µs.
+    /// Expansions between two questions to `cancel`: some 25 µs of A*, longer for searches whose expansions do more.
     pub const CANCEL_INTERVAL: u64 = 1024;
 
     /// No limits.

@@ -19,6 +19,7 @@
 //! | [`JpsPlus`] | shortest paths, on maps that seldom change |
 //! | [`DStarLite`] | one goal, while the vehicle moves and the map changes |
 //! | [`ThetaStar`], [`LazyThetaStar`] | paths that are not bound to the grid's eight directions |
+//! | [`Anya`] | the shortest of those, which touch the corners of blocked cells |
 //!
 //! Who asks many questions of one map, wants several goals, or brings another graph, holds the parts:
 //!
@@ -89,7 +90,6 @@ mod bidirectional;
 mod components;
 mod dijkstra;
 mod dstar_lite;
-mod flood;
 mod heuristic;
 mod indexed_heap;
 mod jps;

@@ -3,7 +3,7 @@
 use super::{
     heuristic::{Heuristic, Octile, Offset},
     limits::{Limits, SearchEnd, SearchResult},
-    query::{Tolerances, endpoints, nearest_node, write_path},
+    query::{Endpoints, Tolerances, endpoints, nearest_node, write_path},
     space::{GridParams, GridSpace},
 };
 use crate::Error;
@@ -42,12 +42,6 @@ pub trait GridSolver {
     /// Searches a way from `start` to `goal`, two passable nodes of the space.
     fn search(&mut self, space: &GridSpace, start: u32, goal: u32, limits: &mut Limits<'_>) -> SearchResult;
 
-    /// Expands what is left after a search that found nothing, so that all that can be reached from the start is; how many
-    /// nodes that were. Nothing by default: a search from the start alone has left nothing.
-    fn exhaust(&mut self, _space: &GridSpace, _limits: &mut Limits<'_>) -> u64 {
-        0
-    }
-
     /// Cost of the way from the start to a node, if the last search reached it.
     fn cost(&self, node: u32) -> Option<u32>;
 
@@ -69,8 +63,11 @@ pub trait GridSolver {
 /// the goal pose. Its cost is that from the start's to the goal's cell, in metres: lengths are exact (see
 /// [`STRAIGHT`](super::STRAIGHT)). The costmap may be another one in every call; what it has in common with the last one is
 /// not computed again. Where a query found start and goal in parts of the map that nothing joins, those parts are labelled:
-/// until the map changes, such queries are answered without a search. Queries on maps no larger than an earlier one allocate nothing beyond the growth of `path` and,
-/// rarely, of the open list.
+/// until the map changes, such queries are answered without a search. With a goal tolerance the cell is then searched for that
+/// is nearest to the goal among those joined to the start.
+///
+/// On maps no larger than an earlier one, queries allocate nothing beyond the growth of `path` and, rarely, of the open list;
+/// the first query between parts that nothing joins allocates the labels.
 ///
 /// With [`NoPathReason::Budget`] and [`NoPathReason::Cancelled`] the path leads to the reached cell that is nearest to the
 /// goal.
@@ -158,28 +155,25 @@ impl<S: GridSolver> GridPlanner<S> {
             Ok(ends) => ends,
             Err(reason) => return Ok(PlanOutcome::NoPath { reason, expansions: 0 }),
         };
-        if self.is_known_apart(ends.start, ends.goal) && tolerances.goal == 0.0 {
-            return Ok(PlanOutcome::NoPath { reason: NoPathReason::Disconnected, expansions: 0 });
-        }
+        let disconnected = |expansions| Ok(PlanOutcome::NoPath { reason: NoPathReason::Disconnected, expansions });
+        let Some(mut goal) = self.joined_goal(ends, poses.1) else { return disconnected(0) };
         let mut limits = Limits { budget: self.params.max_expansions, cancel };
-        let result = self.solver.search(&self.space, ends.start, ends.goal, &mut limits);
+        let mut result = self.solver.search(&self.space, ends.start, goal, &mut limits);
         let mut expansions = result.expansions;
+        if result.end == SearchEnd::Exhausted {
+            self.label();
+            let instead = self.joined_goal(ends, poses.1).filter(|&node| node != goal);
+            let Some(node) = instead else { return disconnected(expansions) };
+            goal = node;
+            limits.budget = limits.budget.saturating_sub(expansions);
+            result = self.solver.search(&self.space, ends.start, goal, &mut limits);
+            expansions += result.expansions;
+        }
         let (last, reason) = match result.end {
             SearchEnd::Goal { node, .. } => (node, None),
-            SearchEnd::Exhausted => {
-                self.label();
-                if tolerances.goal > 0.0 {
-                    limits.budget = limits.budget.saturating_sub(expansions);
-                    expansions += self.solver.exhaust(&self.space, &mut limits);
-                }
-                let reached = |node| self.solver.cost(node).is_some();
-                match nearest_node(&self.space, poses.1, tolerances.goal, reached) {
-                    Some(node) => (node, None),
-                    None => return Ok(PlanOutcome::NoPath { reason: NoPathReason::Disconnected, expansions }),
-                }
-            }
-            SearchEnd::Budget => (self.most_promising(ends.goal, &result), Some(NoPathReason::Budget)),
-            SearchEnd::Cancelled => (self.most_promising(ends.goal, &result), Some(NoPathReason::Cancelled)),
+            SearchEnd::Exhausted => return disconnected(expansions),
+            SearchEnd::Budget => (self.most_promising(goal, &result), Some(NoPathReason::Budget)),
+            SearchEnd::Cancelled => (self.most_promising(goal, &result), Some(NoPathReason::Cancelled)),
         };
         self.solver.way_into(&self.space, last, &mut self.way);
         write_path(&self.space, &layout, &self.way, poses, path)?;
@@ -201,6 +195,17 @@ impl<S: GridSolver> GridPlanner<S> {
     fn is_known_apart(&self, a: u32, b: u32) -> bool {
         self.labelled.as_ref() == Some(self.space.revision())
             && self.components.label_at(a as usize) != self.components.label_at(b as usize)
+    }
+
+    /// The goal, or where it is known without a search that nothing joins it to the start, the nearest cell within its
+    /// tolerance that is joined.
+    fn joined_goal(&self, ends: Endpoints, goal: &Se2) -> Option<u32> {
+        if !self.is_known_apart(ends.start, ends.goal) {
+            return Some(ends.goal);
+        }
+        let home = self.components.label_at(ends.start as usize);
+        let joined = |node: u32| self.components.label_at(node as usize) == home;
+        nearest_node(&self.space, goal, self.params.goal_tolerance, joined)
     }
 
     /// Where an unfinished search came nearest to the goal. Without a guide all reached cells are looked through.

@@ -115,7 +115,8 @@ impl Potential {
         self.costs.get(node as usize).copied().filter(|&cost| cost != UNREACHED)
     }
 
-    /// Cost from a node to the goal in cells, if the goal can be reached: within 1/985 of a cell per step where cells are
+    /// Cost from a node to the goal in cells, if the goal can be reached by a way short enough to be counted (up to
+    /// [`u32::MAX`] / [`STRAIGHT`] cells, some four million): within 1/985 of a cell per step where cells are
     /// weighted, within 3 parts in ten million where they are not.
     #[inline]
     pub fn distance(&self, node: u32) -> Option<f64> {
@@ -131,7 +132,8 @@ impl Potential {
 }
 
 impl Heuristic for Potential {
-    /// As far as can be told apart from "not at all" where the goal cannot be reached.
+    /// Greater than every cost that can be counted where the goal cannot be reached, or by such a way only: still a lower bound
+    /// for the searches, which do not reach nodes at such costs.
     #[inline]
     fn estimate(&self, node: u32) -> u32 {
         self.cost(node).unwrap_or(u32::MAX)

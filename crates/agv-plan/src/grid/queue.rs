@@ -15,19 +15,19 @@ pub struct Entry {
 
 /// A priority queue of [`Entry`]s. A [`BucketQueue`] relies on keys that do not fall: none is pushed below the last one
 /// popped. Best-first search with a consistent heuristic keeps that promise.
-pub trait OpenList<K = u32>: Default {
+pub trait OpenList: Default {
     /// Empties the list for a search whose keys lie at most `window` above the last key popped, of about `capacity`
     /// entries. Memory is kept.
     fn reset(&mut self, window: u32, capacity: usize);
 
     /// Adds an entry.
-    fn push(&mut self, key: K, entry: Entry);
+    fn push(&mut self, key: u32, entry: Entry);
 
     /// Removes an entry with the least key; of equal keys, the one that leads deepest or came last.
-    fn pop(&mut self) -> Option<(K, Entry)>;
+    fn pop(&mut self) -> Option<(u32, Entry)>;
 
     /// Least key that is waiting.
-    fn least_key(&self) -> Option<K>;
+    fn least_key(&self) -> Option<u32>;
 }
 
 const NONE: u32 = u32::MAX;
@@ -185,40 +185,33 @@ impl OpenList for BucketQueue {
     }
 }
 
-/// The standard library's binary heap: for keys without a bound on their window, that fall, or that are not numbers (the
-/// pairs of D* Lite).
+/// The standard library's binary heap: for keys without a bound on their window, or that fall.
 ///
 /// Several times slower than [`BucketQueue`], of logarithmic time per operation. Of equal keys the one of greatest cost
 /// comes first, which lies nearest the goal.
-#[derive(Debug, Clone)]
-pub struct HeapQueue<K = u32> {
-    heap: BinaryHeap<(Reverse<K>, u32, u32)>,
+#[derive(Debug, Clone, Default)]
+pub struct HeapQueue {
+    heap: BinaryHeap<(Reverse<u32>, u32, u32)>,
 }
 
-impl<K: Ord> Default for HeapQueue<K> {
-    fn default() -> Self {
-        Self { heap: BinaryHeap::new() }
-    }
-}
-
-impl<K: Ord + Copy> OpenList<K> for HeapQueue<K> {
+impl OpenList for HeapQueue {
     fn reset(&mut self, _window: u32, capacity: usize) {
         self.heap.clear();
         self.heap.reserve(capacity);
     }
 
     #[inline]
-    fn push(&mut self, key: K, entry: Entry) {
+    fn push(&mut self, key: u32, entry: Entry) {
         self.heap.push((Reverse(key), entry.cost, entry.node));
     }
 
     #[inline]
-    fn pop(&mut self) -> Option<(K, Entry)> {
+    fn pop(&mut self) -> Option<(u32, Entry)> {
         self.heap.pop().map(|(Reverse(key), cost, node)| (key, Entry { node, cost }))
     }
 
     #[inline]
-    fn least_key(&self) -> Option<K> {
+    fn least_key(&self) -> Option<u32> {
         self.heap.peek().map(|(Reverse(key), ..)| *key)
     }
 }

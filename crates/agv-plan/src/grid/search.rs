@@ -249,6 +249,12 @@ impl<L: Copy + Default, Q: OpenList, N: NodeStore<L>> Workspace<L, Q, N> {
         self.open.least_key()
     }
 
+    /// Whether some way was too long to be counted since the search began: what it led to is then not known to be out of
+    /// reach.
+    pub const fn has_overflowed(&self) -> bool {
+        self.overflow
+    }
+
     /// Cost of the way to `node` in the last search, if it was reached; final for nodes that were expanded.
     #[inline]
     pub fn cost(&self, node: u32) -> Option<u32> {

@@ -196,6 +196,15 @@ impl GridSpace {
         self.history.changed_since(seen, CellRect::whole(layout.width(), layout.height()))
     }
 
+    /// As [`changed_since`](Self::changed_since) the state that was seen last, which is from now on the current one; all
+    /// cells if none was seen.
+    pub(super) fn follow(&self, seen: &mut Option<Revision>) -> Option<CellRect> {
+        match seen.replace(self.revision().clone()) {
+            Some(seen) => self.changed_since(&seen),
+            None => self.layout.as_ref().map(|layout| CellRect::whole(layout.width(), layout.height())),
+        }
+    }
+
     /// Masks of row `y` from the costs.
     fn derive_row(&mut self, y: usize, width: usize, height: usize) {
         let lines = [y.checked_sub(1), Some(y), Some(y + 1).filter(|&above| above < height)];

@@ -12,7 +12,7 @@ use super::{
     space::GridSpace,
     step::Step,
 };
-use agv_core::grid::{Cell, CellRect, Revision};
+use agv_core::grid::{Cell, Revision};
 
 /// Cells along a side of a block.
 const BLOCK: usize = 64;
@@ -30,8 +30,6 @@ pub(super) struct StraightRuns {
     seen: Option<Revision>,
     width: usize,
     height: usize,
-    masks: Vec<u8>,
-    strides: [u32; 8],
     /// By straight step: words of its lines.
     lines: [Vec<Word>; 4],
     /// Words per row, and per column.
@@ -39,43 +37,41 @@ pub(super) struct StraightRuns {
 }
 
 impl StraightRuns {
-    /// Follows the space.
-    pub(super) fn update(&mut self, space: &GridSpace) {
+    /// Follows the space and scans it.
+    pub(super) fn scan<'a>(&'a mut self, space: &'a GridSpace) -> Scan<'a> {
+        self.update(space);
+        Scan { runs: self, masks: space.masks(), strides: space.strides() }
+    }
+
+    fn update(&mut self, space: &GridSpace) {
         let Some(layout) = space.layout() else { return };
         let (width, height) = (layout.width(), layout.height());
         let same_size = (width, height) == (self.width, self.height);
-        let whole = CellRect::whole(width, height);
-        let seen = self.seen.replace(space.revision().clone()).filter(|_| same_size);
-        let Some(changed) = seen.map_or(Some(whole), |seen| space.changed_since(&seen)) else { return };
+        let Some(changed) = space.follow(&mut self.seen) else { return };
         if !same_size {
             (self.width, self.height) = (width, height);
             self.words = [width.div_ceil(BLOCK), height.div_ceil(BLOCK)];
-            self.strides = space.strides();
             for (index, lines) in self.lines.iter_mut().enumerate() {
                 let len = if index.is_multiple_of(2) { height * self.words[0] } else { width * self.words[1] };
                 lines.clear();
                 lines.resize(len, Word::default());
             }
-            self.masks.clear();
-            self.masks.resize(layout.len(), 0);
         }
-        let rows = changed.min.y as usize * width..(changed.max.y as usize + 1) * width;
-        self.masks[rows.clone()].copy_from_slice(&space.masks()[rows]);
         let flags = flags(space.canonical());
         for block_y in changed.min.y as usize / BLOCK..=changed.max.y as usize / BLOCK {
             for block_x in changed.min.x as usize / BLOCK..=changed.max.x as usize / BLOCK {
-                self.derive_block(block_x, block_y, &flags);
+                self.derive_block(space.masks(), (block_x, block_y), &flags);
             }
         }
     }
 
-    fn derive_block(&mut self, block_x: usize, block_y: usize, flags: &[u8; 256]) {
+    fn derive_block(&mut self, masks: &[u8], (block_x, block_y): (usize, usize), flags: &[u8; 256]) {
         let (x0, y0) = (block_x * BLOCK, block_y * BLOCK);
         let (columns, rows) = ((self.width - x0).min(BLOCK), (self.height - y0).min(BLOCK));
         // By flag: bit x of word y.
         let mut bits = [[0_u64; BLOCK]; 8];
         for y in 0..rows {
-            let masks = &self.masks[(y0 + y) * self.width + x0..][..columns];
+            let masks = &masks[(y0 + y) * self.width + x0..][..columns];
             for (index, eight) in masks.chunks(8).enumerate() {
                 let mut bytes = [0; 8];
                 for (byte, &mask) in bytes.iter_mut().zip(eight) {
@@ -145,9 +141,7 @@ impl StraightRuns {
         let first = line as usize * stride;
         self.lines[step.index() & 3].get(first..first + stride).unwrap_or(&[])
     }
-}
 
-impl Runs for StraightRuns {
     #[inline]
     fn straight(&self, at: Cell, step: Step) -> Run {
         match step {
@@ -156,6 +150,21 @@ impl Runs for StraightRuns {
             Step::NORTH => Self::ahead(self.line(step, at.x), at.y as u32),
             _ => Self::back(self.line(step, at.x), at.y as u32),
         }
+    }
+}
+
+/// Runs of a space: the straight ones are scanned for in words, the diagonal ones step by step through the masks.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Scan<'a> {
+    runs: &'a StraightRuns,
+    masks: &'a [u8],
+    strides: [u32; 8],
+}
+
+impl Runs for Scan<'_> {
+    #[inline]
+    fn straight(&self, at: Cell, step: Step) -> Run {
+        self.runs.straight(at, step)
     }
 
     #[inline]
@@ -169,14 +178,14 @@ impl Runs for StraightRuns {
     }
 }
 
-impl StraightRuns {
+impl Scan<'_> {
     #[inline]
     fn diagonal_towards<const DX: i32, const DY: i32>(&self, at: Cell) -> (Run, [Run; 2]) {
         let step = const { Step::towards(DX, DY) };
         let sides = const { [Step::towards(DX, 0), Step::towards(0, DY)] };
         let behind = const { Step::towards(-DX, 0).bit() | Step::towards(0, -DY).bit() };
         let stride = self.strides[step.index() & 7];
-        let (mut cell, mut node) = (at, at.y as u32 * self.width as u32 + at.x as u32);
+        let (mut cell, mut node) = (at, at.y as u32 * self.runs.width as u32 + at.x as u32);
         let mut steps = 0;
         let mut open = self.masks.get(node as usize).is_some_and(|mask| mask & step.bit() != 0);
         while open {

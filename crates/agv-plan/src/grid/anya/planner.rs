@@ -1,14 +1,10 @@
 //! From a costmap and two poses to a path.
 
-use super::{
-    ray::Point,
-    runs::Runs,
-    search::{End, Search},
-};
+use super::{ray::Point, runs::Runs, search::Search};
 use crate::{
     Error,
     grid::{
-        GridPlannerParams, GridSpace,
+        GridPlannerParams, GridSpace, Limits,
         query::{Endpoints, Tolerances, endpoints, nearest_node},
     },
 };
@@ -29,8 +25,8 @@ use nalgebra::Vector2;
 /// connectivity and corner rule the parameters name. For a vehicle, plan on a costmap that is inflated for it. The start pose
 /// and the goal pose are joined to the centres of their cells; the cost is the length from centre to centre, in metres.
 ///
-/// That there is no path is known without a search. With a budget, counted in cones and corners, the path leads to the corner
-/// nearest to the goal. Once it has seen the largest map, a query allocates nothing beyond the growth of its lists.
+/// That there is no path is known without a search. With a budget, counted in cones and corners, or when it is cancelled, the
+/// path leads to the corner nearest to the goal. Once it has seen the largest map, a query allocates nothing beyond the growth of its lists.
 ///
 /// ```
 /// use agv_core::geometry::Se2;
@@ -88,8 +84,8 @@ impl Anya {
 
     /// Takes what is new in a costmap.
     fn update(&mut self, costmap: &Costmap) {
-        if self.space.update(costmap) > 0 {
-            self.runs.rebuild(&self.space);
+        self.space.update(costmap);
+        if self.runs.update(&self.space) {
             let steps = (Connectivity::Four, CornerRule::Never);
             let space = &self.space;
             self.components.compute(costmap.layout(), steps, |index| space.is_passable(index as u32));
@@ -147,15 +143,28 @@ impl Anya {
         }
         Ok(length)
     }
-}
 
-impl GlobalPlanner for Anya {
-    fn plan_into(
+    /// As [`plan_into`](GlobalPlanner::plan_into), but asks `cancel` every [`Limits::CANCEL_INTERVAL`] expansions whether
+    /// to stop.
+    ///
+    /// # Errors
+    /// As [`plan_into`](GlobalPlanner::plan_into).
+    pub fn plan_with_cancel(
         &mut self,
         costmap: &Costmap,
-        start: &Se2,
-        goal: &Se2,
+        (start, goal): (&Se2, &Se2),
         path: &mut Path,
+        cancel: &mut dyn FnMut() -> bool,
+    ) -> Result<PlanOutcome, PlanError> {
+        self.plan(costmap, (start, goal), path, Some(cancel))
+    }
+
+    fn plan(
+        &mut self,
+        costmap: &Costmap,
+        (start, goal): (&Se2, &Se2),
+        path: &mut Path,
+        cancel: Option<&mut dyn FnMut() -> bool>,
     ) -> Result<PlanOutcome, PlanError> {
         path.clear();
         let layout = *costmap.layout();
@@ -168,17 +177,29 @@ impl GlobalPlanner for Anya {
         };
         let Some(last) = self.reachable(ends, goal) else { return no_path(NoPathReason::Disconnected, 0) };
         let (from, to) = (self.space.cell(ends.start), self.space.cell(last));
-        let end = self.search.run(&self.runs, from, to, self.params.max_expansions);
+        let mut limits = Limits { budget: self.params.max_expansions, cancel };
+        let end = self.search.run(&self.runs, (from, to), &mut limits);
         self.search.way_back_into(&mut self.way);
         let expansions = self.search.expansions;
-        let length = self.write(&layout, (start, goal), end == End::Found, path)?;
-        match end {
-            End::Found => Ok(PlanOutcome::Found { cost: length * layout.resolution(), expansions }),
-            End::Budget => no_path(NoPathReason::Budget, expansions),
-            End::Exhausted => {
-                path.clear();
-                no_path(NoPathReason::Disconnected, expansions)
-            }
+        let length = self.write(&layout, (start, goal), end.is_ok(), path)?;
+        if end == Err(NoPathReason::Disconnected) {
+            path.clear();
         }
+        match end {
+            Ok(()) => Ok(PlanOutcome::Found { cost: length * layout.resolution(), expansions }),
+            Err(reason) => no_path(reason, expansions),
+        }
+    }
+}
+
+impl GlobalPlanner for Anya {
+    fn plan_into(
+        &mut self,
+        costmap: &Costmap,
+        start: &Se2,
+        goal: &Se2,
+        path: &mut Path,
+    ) -> Result<PlanOutcome, PlanError> {
+        self.plan(costmap, (start, goal), path, None)
     }
 }

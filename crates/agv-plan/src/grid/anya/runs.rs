@@ -1,11 +1,12 @@
 //! Rows of cells as runs of free and blocked ones.
 
 use crate::grid::GridSpace;
-use agv_core::grid::Cell;
+use agv_core::grid::{Cell, CellRect, Revision};
 
 /// Which cells are free, and from where to where the cells beside one are as it is.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Runs {
+    seen: Option<Revision>,
     width: i32,
     height: i32,
     free: Vec<bool>,
@@ -14,20 +15,31 @@ pub(super) struct Runs {
 }
 
 impl Runs {
-    /// Takes the cells of a space. O(cells); memory is used again.
-    pub(super) fn rebuild(&mut self, space: &GridSpace) {
+    /// Takes the rows of a space that have changed, and says whether any has. Memory is used again.
+    pub(super) fn update(&mut self, space: &GridSpace) -> bool {
+        let Some(CellRect { min, max }) = space.follow(&mut self.seen) else { return false };
         let (width, height) = space.layout().map_or((0, 0), |layout| (layout.width(), layout.height()));
-        (self.width, self.height) = (width as i32, height as i32);
-        self.free.clear();
-        self.free.extend((0..(width * height) as u32).map(|node| space.is_passable(node)));
-        self.ends.clear();
-        for row in self.free.chunks(width.max(1)) {
-            for run in row.chunk_by(|a, b| a == b) {
-                let begin = self.ends.len() % width;
-                let ends = [begin as i32, (begin + run.len()) as i32];
-                self.ends.extend(std::iter::repeat_n(ends, run.len()));
+        if (width as i32, height as i32) != (self.width, self.height) {
+            (self.width, self.height) = (width as i32, height as i32);
+            self.free.clear();
+            self.free.resize(width * height, false);
+            self.ends.clear();
+            self.ends.resize(width * height, [0; 2]);
+        }
+        for y in min.y as usize..=max.y as usize {
+            let cells = y * width..(y + 1) * width;
+            let (free, ends) = (&mut self.free[cells.clone()], &mut self.ends[cells.clone()]);
+            for (free, node) in free.iter_mut().zip(cells) {
+                *free = space.is_passable(node as u32);
+            }
+            let mut begin = 0;
+            for run in free.chunk_by(|a, b| a == b) {
+                let end = begin + run.len();
+                ends[begin..end].fill([begin as i32, end as i32]);
+                begin = end;
             }
         }
+        true
     }
 
     /// Points of the lattice of cells' corners.

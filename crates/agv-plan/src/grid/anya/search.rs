@@ -4,7 +4,8 @@ use super::{
     ray::{Cone, Point, Ray, cross},
     runs::Runs,
 };
-use agv_core::grid::Cell;
+use crate::grid::{Limits, SearchEnd};
+use agv_core::{grid::Cell, roles::NoPathReason};
 use std::{cmp::Reverse, collections::BinaryHeap};
 
 /// Costs, in half cells, that differ by no more are equal but for rounding.
@@ -51,17 +52,6 @@ struct Slot {
     root: u32,
 }
 
-/// How a search ended.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) enum End {
-    /// The way was found.
-    Found,
-    /// There is none.
-    Exhausted,
-    /// The budget ran out; the way leads to the corner nearest to the goal.
-    Budget,
-}
-
 #[derive(Debug, Clone, Default)]
 pub(super) struct Search {
     roots: Vec<Root>,
@@ -78,29 +68,41 @@ pub(super) struct Search {
 
 impl Search {
     /// Searches between the centres of two free cells.
-    pub(super) fn run(&mut self, runs: &Runs, start: Cell, goal: Cell, budget: u64) -> End {
+    ///
+    /// # Errors
+    /// Why no way was found; where the limits stopped the search, the way leads to the corner nearest to the goal.
+    pub(super) fn run(
+        &mut self,
+        runs: &Runs,
+        (start, goal): (Cell, Cell),
+        limits: &mut Limits<'_>,
+    ) -> Result<(), NoPathReason> {
         let center = |cell: Cell| Point { x: 2 * cell.x + 1, y: 2 * cell.y + 1 };
         self.begin(runs, center(goal));
         let point = center(start);
         self.roots.push(Root { point, cost: 0.0, parent: 0, arrival: [0, 0], bend: Bend::default(), is_dead: false });
         self.last = Some((0, start == goal));
         if start == goal {
-            return End::Found;
+            return Ok(());
         }
         if let Some((run, true)) = runs.run(start.x, start.y) {
             for direction in [1, -1] {
                 self.enter(runs, 0, Cone { left: Ray::LEFT, right: Ray::RIGHT }, (start.y, direction), run);
             }
         }
-        let mut nearest = f64::INFINITY;
+        let (mut nearest, mut pause) = (f64::INFINITY, limits.next_pause(0));
         while let Some((_, node)) = self.open.pop() {
             let Some(&node) = self.nodes.get(node as usize) else { continue };
             let (Node::Cone { root, .. } | Node::Corner { root } | Node::Goal { root }) = node;
             if self.roots[root as usize].is_dead {
                 continue;
             }
-            if self.expansions >= budget {
-                return End::Budget;
+            if self.expansions >= pause {
+                match limits.stopped(self.expansions) {
+                    Some(SearchEnd::Cancelled) => return Err(NoPathReason::Cancelled),
+                    Some(_) => return Err(NoPathReason::Budget),
+                    None => pause = limits.next_pause(self.expansions),
+                }
             }
             self.expansions += 1;
             let to_goal = self.roots[root as usize].point.distance(self.goal);
@@ -110,14 +112,14 @@ impl Search {
             match node {
                 Node::Goal { root } => {
                     self.last = Some((root, true));
-                    return End::Found;
+                    return Ok(());
                 }
                 Node::Cone { root, cone, row, direction } => self.follow(runs, root, cone, row, direction),
                 Node::Corner { root } => self.bend(runs, root),
             }
         }
         self.last = None;
-        End::Exhausted
+        Err(NoPathReason::Disconnected)
     }
 
     /// The way of the last search, from its end back to the start, without points on straight lines.
