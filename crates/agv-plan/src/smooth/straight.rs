@@ -3,20 +3,9 @@
 use agv_core::{
     Error,
     geometry::{Se2, So2},
-    grid::Costmap,
     path::{Gear, Path, PathPoint},
 };
 use nalgebra::Vector2;
-
-/// What makes a path better to follow.
-pub trait PathSmoother {
-    /// Writes the better path, reusing the memory of `smooth`. First and last pose stay as they are, and it is clear on this
-    /// costmap wherever `path` is.
-    ///
-    /// # Errors
-    /// A path that the smoother cannot take.
-    fn smooth_into(&mut self, costmap: &Costmap, path: &Path, smooth: &mut Path) -> Result<(), Error>;
-}
 
 /// Index of the last point of the first piece that is driven in one gear and without a turn on the spot; none if no points are
 /// left.
