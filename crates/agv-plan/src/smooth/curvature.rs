@@ -14,11 +14,11 @@
 
 mod problem;
 
-use super::straight::{piece_end, write_piece};
+use super::straight::{heading, piece_end, write_piece};
 use crate::Error;
 use agv_core::{
     check,
-    geometry::{Se2, So2},
+    geometry::Se2,
     grid::{Footprint, ObstacleMap},
     path::{Gear, Path, PathPoint},
     solve::{BandedNormalEquations, LeastSquaresWorkspace, LevenbergMarquardt, LevenbergMarquardtParams},
@@ -271,9 +271,7 @@ fn collides(
     [from, to]: [Vector2<f64>; 2],
     gear: Gear,
 ) -> Result<bool, Error> {
-    let sign = if gear == Gear::Reverse { -1.0 } else { 1.0 };
-    let ahead = (to - from) * sign;
-    let heading = So2::from_direction(ahead.x, ahead.y);
+    let heading = heading(from, to, gear).unwrap_or_default();
     let [from, to] = [from, to].map(|position| Se2::from_parts(position, heading));
     Ok(obstacles.collides_between(footprint, &from, &to)?)
 }
@@ -315,6 +313,7 @@ mod tests {
     use super::*;
     use crate::grid::{AStar, AStarParams};
     use crate::smooth::{KeyNodes, KeyNodesParams, Straightened};
+    use agv_core::geometry::So2;
     use agv_core::grid::{Cell, CellState, CollisionParams, Grid, GridLayout, Inflation, InflationParams};
     use agv_core::roles::{GlobalPlanner, PlanOutcome};
     use proptest::prelude::*;
