@@ -31,7 +31,8 @@ fn enters(costmap: &Costmap, from: &Vector2<f64>, to: &Vector2<f64>) -> bool {
     let (from, to) = (layout.to_grid(from), layout.to_grid(to));
     let (low, high) = (from.inf(&to), from.sup(&to));
     let rows = low.y.floor() as i32..=high.y.floor() as i32;
-    let is_blocked = |x: i32, y: i32| layout.index(Cell::new(x, y)).is_none() || !costmap.is_traversable(Cell::new(x, y));
+    let is_blocked =
+        |x: i32, y: i32| layout.index(Cell::new(x, y)).is_none() || !costmap.is_traversable(Cell::new(x, y));
     rows.into_iter().any(|y| {
         // Part of the line within the row, and the columns that it is inside there.
         let Some((left, right)) = within(&from, &to, f64::from(y) + ROUNDING, f64::from(y) + 1.0 - ROUNDING) else {
