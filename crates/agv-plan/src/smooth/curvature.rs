@@ -69,7 +69,7 @@ impl Default for CurvatureSmootherParams {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SmoothOutcome {
     /// Greatest curvature between the samples of a piece, per metre, as the turn from one step to the next over their mean
-    /// length.
+    /// length; corners between samples that stayed are among these.
     pub max_curvature: f64,
     /// Samples that had to stay on the given path, since the smooth one touched an obstacle there.
     pub kept: usize,
@@ -79,10 +79,11 @@ pub struct SmoothOutcome {
 
 /// Smooths paths for vehicles that cannot turn on the spot; owns the memory that it needs for it.
 ///
-/// Cusps and turns on the spot part the path into pieces, whose ends stay where they are. The result touches nothing that
-/// the given path does not touch. Whether the curvature was reached everywhere is said, not promised: bends that are tighter
-/// than the room around them allows, and the headings at the ends of pieces, which are those of the first and last step, may
-/// stand against it.
+/// Cusps and turns on the spot part the path into pieces, whose end poses stay as they are. The result, driven straight from
+/// point to point with turns on the spot between, touches nothing that the given path does not touch: where it would, it follows
+/// the given path, corners included. Whether the curvature was reached everywhere is said, not promised: bends that are tighter
+/// than the room around them allows may stand against it, and so may the given headings at the ends of pieces, from and to which
+/// the vehicle may have to turn.
 ///
 /// ```
 /// use agv_core::geometry::Se2;
