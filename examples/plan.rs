@@ -22,6 +22,8 @@
 mod ask;
 #[path = "plan/compare.rs"]
 mod compare;
+#[path = "plan/lines.rs"]
+mod lines;
 #[path = "plan/pictures.rs"]
 mod pictures;
 #[path = "plan/planners.rs"]
@@ -70,19 +72,18 @@ type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 fn main() -> ExitCode {
     let args = Args::parse();
     agv_support::judge(|| {
-        let out = args.common.out_folder("plan")?;
         let mut report = Report::new("Paths on grids");
-        let holds = if args.compare {
-            compare::run(&args, &out, &mut report)?
-        } else {
-            let site = site::load(&args)?;
-            let mut planner = args.algorithm.planner()?;
-            let tally = ask::all(&args, &site, planner.as_mut())?;
-            tally.report(&args, &mut report);
-            pictures::longest(&out.join("path.svg"), &args, &site, planner.as_mut())?;
-            tally.holds()
-        };
+        if args.compare {
+            return compare::run(&args, report);
+        }
+        let site = site::load(&args)?;
+        let mut planner = args.algorithm.planner()?;
+        let tally = ask::all(&args, &site, planner.as_mut())?;
+        tally.report(&args, &mut report);
+        // The figures first: they are not lost if the picture cannot be written.
         report.print(args.common.json)?;
-        Result::Ok(holds)
+        let out = args.common.out_folder("plan")?;
+        pictures::longest(&out.join("path.svg"), &args, &site, planner.as_mut())?;
+        Result::Ok(tally.holds())
     })
 }

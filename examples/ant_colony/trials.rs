@@ -8,6 +8,7 @@ use super::{
 use agv_nav::{
     core::{
         compute::{Par, Seed},
+        metrics::{PathQuality, PathQualityParams},
         path::Path,
         roles::{GlobalPlanner, PlanOutcome},
     },
@@ -208,6 +209,5 @@ fn summarise(cases: &[Case], trials: &[Vec<Option<Trial>>], row: &Row, par: Par)
 
 /// Points where the direction changes.
 fn turns(path: &Path) -> usize {
-    let ahead: Vec<_> = path.points().windows(2).map(|w| w[1].pose.translation() - w[0].pose.translation()).collect();
-    ahead.windows(2).filter(|w| w[0].perp(&w[1]).abs() > 1e-9 || w[0].dot(&w[1]) < 0.0).count()
+    PathQuality::of(path, PathQualityParams::default(), |_| 0.0).map_or(0, |quality| quality.turns)
 }

@@ -1,7 +1,7 @@
 //! Asks the queries, times the answers and judges them.
 
 use super::{
-    Args, Result,
+    Args, Result, lines,
     planners::Planner,
     site::{Query, Site},
 };
@@ -79,9 +79,10 @@ impl Tally {
             cell.is_some_and(|cell| site.costmap.is_traversable(cell))
         };
         let any_angle = args.algorithm.is_any_angle();
+        let lines_are_free = || lines::are_free(args.algorithm, &site.costmap, path);
         let fault = if (measured - length).abs() > TOLERANCE && query.optimum.is_some() {
             Some(format!("the path measures {measured} cells, not {length}"))
-        } else if !any_angle && !path.points().iter().all(|point| free(&point.pose)) {
+        } else if !(if any_angle { lines_are_free() } else { path.points().iter().all(|point| free(&point.pose)) }) {
             Some("the path enters a blocked cell".to_owned())
         } else {
             query.optimum.and_then(|optimum| {

@@ -9,6 +9,7 @@ use agv_nav::{
     core::{
         geometry::Se2,
         grid::{Cell, CellState, Connectivity, Costmap, Grid},
+        metrics::{PathQuality, PathQualityParams},
         path::Path,
         roles::{GlobalPlanner, PlanOutcome},
     },
@@ -49,7 +50,8 @@ struct Leg {
     micros: f64,
 }
 
-pub(crate) fn run(args: &Args, out: &std::path::Path, report: &mut Report) -> Result<bool> {
+/// Compares, prints, and draws.
+pub(crate) fn run(args: &Args, mut report: Report) -> Result<bool> {
     let factory = Factory::generate(FactoryParams::default(), args.common.seed())?;
     let map = factory.map(RESOLUTION, 0.05, 1.8)?;
     let hall = hall(&map);
@@ -75,7 +77,6 @@ pub(crate) fn run(args: &Args, out: &std::path::Path, report: &mut Report) -> Re
             }
         }
     }
-    pictures(out, (&map, &costmap), &across)?;
     let agree = rows.chunks(2).all(|pair| match pair {
         [a, b] => (a.random.length - b.random.length).abs() < 1e-6 && a.random.queries == b.random.queries,
         _ => false,
@@ -85,6 +86,9 @@ pub(crate) fn run(args: &Args, out: &std::path::Path, report: &mut Report) -> Re
         print_table(&rows);
     }
     report.reports("rows", rows.iter().map(Row::report).collect());
+    // The figures first: they are not lost if the picture cannot be written.
+    report.print(args.common.json)?;
+    pictures(&args.common.out_folder("plan")?, (&map, &costmap), &across)?;
     Ok(agree)
 }
 
@@ -136,19 +140,10 @@ fn ask(planner: &mut dyn GlobalPlanner, costmap: &Costmap, pairs: &[(Se2, Se2)],
             leg.length += cost;
             leg.expansions += expansions;
             leg.micros += fastest;
-            leg.turns += turns(&path);
+            leg.turns += PathQuality::of(&path, PathQualityParams::default(), |_| 0.0)?.turns;
         }
     }
     Ok(leg)
-}
-
-/// How often the path changes its direction.
-fn turns(path: &Path) -> usize {
-    let steps: Vec<_> = path.points().windows(2).map(|p| p[1].pose.translation() - p[0].pose.translation()).collect();
-    let bends = |a: &agv_nav::nalgebra::Vector2<f64>, b: &agv_nav::nalgebra::Vector2<f64>| {
-        a.norm() > 1e-9 && b.norm() > 1e-9 && a.perp(b).abs() > 1e-6 * a.norm() * b.norm()
-    };
-    steps.windows(2).filter(|pair| bends(&pair[0], &pair[1])).count()
 }
 
 impl Row {

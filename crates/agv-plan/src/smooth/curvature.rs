@@ -10,21 +10,21 @@
 //!
 //! with both ends held (the terms of Nav2's constrained smoother). `k` is the curvature vector plus the unevenness of the
 //! steps, so that one term keeps both small. The sums have a band of five, and Levenberg–Marquardt solves them in time linear
-//! in the points. What comes out is measured, not believed: steps that touch an obstacle take the given path again.
+//! in the points. What comes out is measured, not believed: where it touches an obstacle, the given path is taken again.
+
+mod fall_back;
+mod problem;
 
 use super::straight::{piece_end, write_piece};
 use crate::Error;
 use agv_core::{
     check,
-    geometry::{Se2, So2},
     grid::{Footprint, ObstacleMap},
-    path::{Gear, Path, PathPoint},
-    solve::{
-        BandedNormalEquations, FIXED, LeastSquaresWorkspace, LevenbergMarquardt, LevenbergMarquardtParams,
-        NormalSystem, StructuredLeastSquares,
-    },
+    path::{Path, PathPoint},
+    solve::{BandedNormalEquations, LeastSquaresWorkspace, LevenbergMarquardt, LevenbergMarquardtParams},
 };
-use nalgebra::{Matrix1x2, Matrix2x6, Vector1, Vector2};
+use nalgebra::Vector2;
+use problem::Problem;
 
 /// Parameters of a [`CurvatureSmoother`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,7 +69,7 @@ impl Default for CurvatureSmootherParams {
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SmoothOutcome {
     /// Greatest curvature between the samples of a piece, per metre, as the turn from one step to the next over their mean
-    /// length.
+    /// length; corners between samples that stayed are among these.
     pub max_curvature: f64,
     /// Samples that had to stay on the given path, since the smooth one touched an obstacle there.
     pub kept: usize,
@@ -79,10 +79,11 @@ pub struct SmoothOutcome {
 
 /// Smooths paths for vehicles that cannot turn on the spot; owns the memory that it needs for it.
 ///
-/// Cusps and turns on the spot part the path into pieces, whose ends stay where they are. The result touches nothing that
-/// the given path does not touch. Whether the curvature was reached everywhere is said, not promised: bends that are tighter
-/// than the room around them allows, and the headings at the ends of pieces, which are those of the first and last step, may
-/// stand against it.
+/// Cusps and turns on the spot part the path into pieces, whose end poses stay as they are. The result, driven straight from
+/// point to point with turns on the spot between, touches nothing that the given path does not touch: where it would, it follows
+/// the given path, corners included. Whether the curvature was reached everywhere is said, not promised: bends that are tighter
+/// than the room around them allows may stand against it, and so may the given headings at the ends of pieces, from and to which
+/// the vehicle may have to turn.
 ///
 /// ```
 /// use agv_core::geometry::Se2;
@@ -112,6 +113,8 @@ pub struct CurvatureSmoother {
     anchors: Vec<Vector2<f64>>,
     /// Points before they are sampled.
     uneven: Vec<Vector2<f64>>,
+    /// Line of the given path on which each sample lies, by the index of the point that it starts from.
+    lines: Vec<usize>,
     keep: Vec<bool>,
 }
 
@@ -146,8 +149,9 @@ impl CurvatureSmoother {
             ..Default::default()
         })?;
         let workspace = LeastSquaresWorkspace::new(BandedNormalEquations::default(), Vec::new());
-        let (given, moved, anchors, uneven, keep) = Default::default();
-        Ok(Self { params, solver, workspace, given, moved, anchors, uneven, keep })
+        let (given, moved, anchors, uneven) = Default::default();
+        let (lines, keep) = Default::default();
+        Ok(Self { params, solver, workspace, given, moved, anchors, uneven, lines, keep })
     }
 
     /// Parameters it was made with.
@@ -178,7 +182,12 @@ impl CurvatureSmoother {
                 outcome.samples += self.moved.len();
                 outcome.kept += kept;
                 outcome.max_curvature = outcome.max_curvature.max(curvature);
-                Ok(write_piece(piece, &self.moved, smooth)?)
+                if self.keep.iter().all(|&keep| keep) {
+                    // As it was given, with its headings.
+                    return Ok(piece.iter().skip(usize::from(!smooth.is_empty())).try_for_each(|p| smooth.push(*p))?);
+                }
+                self.join_corners(piece);
+                Ok(write_piece(piece, &self.uneven, smooth)?)
             });
             if let Err(error) = done {
                 smooth.clear();
@@ -199,10 +208,13 @@ impl CurvatureSmoother {
         self.uneven.clear();
         self.uneven.extend(piece.iter().map(|point| point.pose.translation()));
         let steps = (polyline_length(&self.uneven) / self.params.spacing).ceil().max(1.0);
-        let step = resample(&self.uneven, steps as usize, &mut self.given);
+        self.lines.clear();
+        let step = resample(&self.uneven, steps as usize, &mut self.given, |line| self.lines.push(line));
         self.moved.clone_from(&self.given);
         self.anchors.clone_from(&self.given);
         if self.given.len() < 3 {
+            self.keep.clear();
+            self.keep.resize(self.given.len(), true);
             return Ok((0, 0.0));
         }
         // From the centre of an obstacle's cell to its corner is up to 0.71 cells.
@@ -219,84 +231,48 @@ impl CurvatureSmoother {
             }
             // The bends have become shorter, and with them the steps; what is still too tight weighs more.
             std::mem::swap(&mut self.moved, &mut self.uneven);
-            step = resample(&self.uneven, self.given.len() - 1, &mut self.moved);
+            step = resample(&self.uneven, self.given.len() - 1, &mut self.moved, |_| ());
             self.anchors.clone_from(&self.moved);
             params.curvature_weight *= 10.0;
         }
         let kept = self.fall_back(obstacles, footprint, piece)?;
         Ok((kept, greatest_curvature(&self.moved)))
     }
-
-    /// Puts points back to where they were given until no step touches an obstacle that the given path does not touch.
-    fn fall_back(
-        &mut self,
-        obstacles: &ObstacleMap,
-        footprint: &Footprint,
-        piece: &[PathPoint],
-    ) -> Result<usize, Error> {
-        let gear = piece.last().map_or(Gear::Forward, |point| point.gear);
-        let last = self.moved.len() - 1;
-        self.keep.clear();
-        self.keep.resize(self.moved.len(), false);
-        // Each round puts at least one point back.
-        let mut reach = 1;
-        loop {
-            let mut changed = false;
-            for index in 0..last {
-                if self.keep[index] && self.keep[index + 1] {
-                    continue;
-                }
-                let ends = [self.moved[index], self.moved[index + 1]];
-                if !collides(obstacles, footprint, ends, gear)? {
-                    continue;
-                }
-                let around = index.saturating_sub(reach - 1)..=(index + reach).min(last);
-                for i in around {
-                    changed |= !self.keep[i];
-                    (self.keep[i], self.moved[i]) = (true, self.given[i]);
-                }
-            }
-            if !changed {
-                return Ok(self.keep.iter().filter(|&&keep| keep).count());
-            }
-            reach *= 2;
-        }
-    }
-}
-
-/// Whether the vehicle, looking along it, touches anything on a straight step.
-fn collides(
-    obstacles: &ObstacleMap,
-    footprint: &Footprint,
-    [from, to]: [Vector2<f64>; 2],
-    gear: Gear,
-) -> Result<bool, Error> {
-    let sign = if gear == Gear::Reverse { -1.0 } else { 1.0 };
-    let ahead = (to - from) * sign;
-    let heading = So2::from_direction(ahead.x, ahead.y);
-    let [from, to] = [from, to].map(|position| Se2::from_parts(position, heading));
-    Ok(obstacles.collides_between(footprint, &from, &to)?)
 }
 
 fn polyline_length(line: &[Vector2<f64>]) -> f64 {
     line.windows(2).map(|pair| (pair[1] - pair[0]).norm()).sum()
 }
 
-/// Points on a line at so many even steps, both ends included; the step.
-fn resample(line: &[Vector2<f64>], steps: usize, points: &mut Vec<Vector2<f64>>) -> f64 {
+/// Points on a line at so many even steps, both ends included; the step. Each is told with the index of the stretch on which it
+/// lies; one that rounding alone parts from a corner is the corner.
+fn resample(
+    line: &[Vector2<f64>],
+    steps: usize,
+    points: &mut Vec<Vector2<f64>>,
+    mut lies_on: impl FnMut(usize),
+) -> f64 {
     points.clear();
     let step = polyline_length(line) / steps as f64;
     let (mut travelled, mut next) = (0.0, 0.0);
-    for pair in line.windows(2) {
+    for (stretch, pair) in line.windows(2).enumerate() {
         let length = (pair[1] - pair[0]).norm();
         while next <= travelled + length && points.len() < steps {
-            let part = if length > 0.0 { (next - travelled) / length } else { 0.0 };
-            points.push(pair[0] + (pair[1] - pair[0]) * part);
+            let along = next - travelled;
+            points.push(if along < 1e-6 * step {
+                pair[0]
+            } else if length - along < 1e-6 * step {
+                pair[1]
+            } else {
+                pair[0] + (pair[1] - pair[0]) * (along / length)
+            });
+            lies_on(stretch);
             next = step * points.len() as f64;
         }
         travelled += length;
     }
     points.extend(line.last());
+    lies_on(line.len().saturating_sub(2));
     step
 }
 
@@ -310,206 +286,5 @@ fn greatest_curvature(points: &[Vector2<f64>]) -> f64 {
     bends.fold(0.0, f64::max)
 }
 
-struct Problem<'a> {
-    params: &'a CurvatureSmootherParams,
-    anchors: &'a [Vector2<f64>],
-    obstacles: &'a ObstacleMap,
-    /// Distance of the base from obstacles' centres.
-    wanted: f64,
-    step: f64,
-}
-
-impl Problem<'_> {
-    /// By how much the curvature is too great, and its direction.
-    fn excess(&self, bend: &Vector2<f64>) -> Option<(f64, Vector2<f64>)> {
-        let size = bend.norm();
-        // A hair below the limit: the solver stops where the last of the excess is worth its weight.
-        let excess = size - 0.95 * self.params.max_curvature;
-        (excess > 0.0).then(|| (excess, bend / size))
-    }
-
-    fn bend(&self, points: &[Vector2<f64>]) -> Vector2<f64> {
-        (points[0] - points[1] * 2.0 + points[2]) / (self.step * self.step)
-    }
-
-    /// How much nearer than wanted an obstacle is, and how that changes.
-    fn shortfall(&self, point: &Vector2<f64>) -> Option<(f64, Vector2<f64>)> {
-        let (distance, gradient) = self.obstacles.distance_at(point)?;
-        let shortfall = self.wanted - distance;
-        (shortfall > 0.0).then_some((shortfall, -gradient))
-    }
-
-    fn is_inner(&self, index: usize) -> bool {
-        index > 0 && index + 1 < self.anchors.len()
-    }
-}
-
-impl StructuredLeastSquares<BandedNormalEquations> for Problem<'_> {
-    type State = Vec<Vector2<f64>>;
-
-    fn linearize(&mut self, state: &Vec<Vector2<f64>>, system: &mut BandedNormalEquations) {
-        let unknown = |index: usize| if self.is_inner(index) { [2 * index, 2 * index + 1] } else { [FIXED; 2] };
-        let inverse = 1.0 / (self.step * self.step);
-        let jacobian = Matrix2x6::new(1.0, 0.0, -2.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, -2.0, 0.0, 1.0) * inverse;
-        for (index, points) in state.windows(3).enumerate() {
-            let bend = self.bend(points);
-            let [a, b, c] = [index, index + 1, index + 2].map(unknown);
-            let unknowns = [a[0], a[1], b[0], b[1], c[0], c[1]];
-            system.add_at(&unknowns, &bend, &jacobian, self.params.smooth_weight);
-            if let Some((excess, direction)) = self.excess(&bend) {
-                let row = direction.transpose() * jacobian;
-                system.add_at(&unknowns, &Vector1::new(excess), &row, self.params.curvature_weight);
-            }
-        }
-        for (index, point) in state.iter().enumerate() {
-            let unknowns = unknown(index);
-            if let Some((shortfall, gradient)) = self.shortfall(point) {
-                let row = Matrix1x2::new(gradient.x, gradient.y);
-                system.add_at(&unknowns, &Vector1::new(shortfall), &row, self.params.obstacle_weight);
-            }
-            let away = point - self.anchors[index];
-            system.add_at(&unknowns, &away, &nalgebra::Matrix2::identity(), self.params.path_weight);
-        }
-        // Held ends have rows of their own, so that the sums can be solved.
-        for index in [0, state.len() - 1] {
-            let unknowns = [2 * index, 2 * index + 1];
-            system.accumulate(&unknowns, &Vector2::zeros(), &nalgebra::Matrix2::identity(), 1.0);
-        }
-    }
-
-    fn cost(&mut self, state: &Vec<Vector2<f64>>) -> f64 {
-        let params = self.params;
-        let bends = state.windows(3).map(|points| {
-            let bend = self.bend(points);
-            let excess = self.excess(&bend).map_or(0.0, |(excess, _)| excess);
-            params.smooth_weight * bend.norm_squared() + params.curvature_weight * excess * excess
-        });
-        let places = state.iter().zip(self.anchors).map(|(point, anchor)| {
-            let shortfall = self.shortfall(point).map_or(0.0, |(shortfall, _)| shortfall);
-            params.obstacle_weight * shortfall * shortfall + params.path_weight * (point - anchor).norm_squared()
-        });
-        0.5 * (bends.sum::<f64>() + places.sum::<f64>())
-    }
-
-    fn retract_into(&self, state: &Vec<Vector2<f64>>, step: &[f64], trial: &mut Vec<Vector2<f64>>) {
-        trial.clone_from(state);
-        for (index, (point, step)) in trial.iter_mut().zip(step.chunks_exact(2)).enumerate() {
-            if self.is_inner(index) {
-                *point += Vector2::new(step[0], step[1]);
-            }
-        }
-    }
-}
-
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::grid::{AStar, AStarParams};
-    use crate::smooth::{KeyNodes, KeyNodesParams, Straightened};
-    use agv_core::grid::{Cell, CellState, CollisionParams, Grid, GridLayout, Inflation, InflationParams};
-    use agv_core::roles::{GlobalPlanner, PlanOutcome};
-    use proptest::prelude::*;
-
-    fn smoother() -> CurvatureSmoother {
-        CurvatureSmoother::new(CurvatureSmootherParams::default()).unwrap()
-    }
-
-    fn touches(obstacles: &ObstacleMap, footprint: &Footprint, path: &Path) -> bool {
-        path.points().windows(2).any(|pair| {
-            let ends = [pair[0].pose.translation(), pair[1].pose.translation()];
-            collides(obstacles, footprint, ends, pair[1].gear).unwrap()
-        })
-    }
-
-    proptest! {
-        #![proptest_config(ProptestConfig::with_cases(40))]
-        /// Among pillars, with the outline of a circle: free where the planned path is free.
-        #[test]
-        fn smooth_paths_touch_nothing(pillars in proptest::collection::vec((8_i32..72, 8_i32..72), 0..25)) {
-            let layout = GridLayout::new(80, 80, 0.1, Se2::new(1.0, -2.0, 0.3)).unwrap();
-            let mut map = Grid::filled(layout, CellState::Free);
-            for (x, y) in pillars {
-                for (dx, dy) in [(0, 0), (1, 0), (0, 1), (1, 1)] {
-                    map.set(Cell::new(x + dx, y + dy), CellState::Occupied);
-                }
-            }
-            let footprint = Footprint::circle(0.25).unwrap();
-            let params = InflationParams { inscribed_radius: 0.45, inflation_radius: 0.45, ..Default::default() };
-            let costmap = Inflation::new(params).unwrap().inflate(&map).unwrap();
-            let pose = |x, y| Se2::from_parts(layout.center(Cell::new(x, y)), So2::default());
-            let mut planner = Straightened::new(
-                AStar::new(AStarParams::default()).unwrap(),
-                KeyNodes::new(KeyNodesParams::default()).unwrap(),
-            );
-            let (mut path, mut smooth) = (Path::new(), Path::new());
-            let outcome = planner.plan_into(&costmap, &pose(4, 4), &pose(75, 75), &mut path).unwrap();
-            let found = matches!(outcome, PlanOutcome::Found { .. });
-            prop_assume!(found);
-            let obstacles = ObstacleMap::new(&map, CollisionParams::default(), Some(2.0)).unwrap();
-            prop_assume!(!touches(&obstacles, &footprint, &path));
-            let outcome = smoother().smooth_into(&obstacles, &footprint, &path, &mut smooth).unwrap();
-            prop_assert!(!touches(&obstacles, &footprint, &smooth));
-            prop_assert_eq!(smooth.points()[0].pose, pose(4, 4));
-            prop_assert_eq!(smooth.points()[smooth.len() - 1].pose, pose(75, 75));
-            let mut sampled = Vec::new();
-            let line: Vec<_> = path.points().iter().map(|p| p.pose.translation()).collect();
-            resample(&line, outcome.samples - 1, &mut sampled);
-            let before = greatest_curvature(&sampled);
-            prop_assert!(outcome.kept > 0 || outcome.max_curvature <= before.max(1.0), "{:?} {}", outcome, before);
-        }
-    }
-
-    #[test]
-    fn corners_are_rounded_to_the_radius() {
-        let map = Grid::filled(GridLayout::new(200, 200, 0.1, Se2::default()).unwrap(), CellState::Free);
-        let obstacles = ObstacleMap::new(&map, CollisionParams::default(), Some(1.0)).unwrap();
-        let zigzag = [(2.0, 2.0), (10.0, 2.0), (10.0, 10.0), (4.0, 16.0)].map(|(x, y)| Vector2::new(x, y));
-        for max_curvature in [0.5, 1.0, 2.0] {
-            let params = CurvatureSmootherParams { max_curvature, ..Default::default() };
-            let mut smooth = Path::new();
-            let outcome = CurvatureSmoother::new(params).unwrap().smooth_into(
-                &obstacles,
-                &Footprint::rectangle(-0.5, 0.5, 0.6).unwrap(),
-                &Path::from_positions(&zigzag).unwrap(),
-                &mut smooth,
-            );
-            let outcome = outcome.unwrap();
-            assert!(outcome.max_curvature <= max_curvature && outcome.kept == 0, "{max_curvature}: {outcome:?}");
-            assert!(smooth.length() < Path::from_positions(&zigzag).unwrap().length());
-        }
-    }
-
-    #[test]
-    fn samples_are_even_and_ends_exact() {
-        let line = [(0.0, 0.0), (1.0, 0.0), (1.0, 0.55)].map(|(x, y)| Vector2::new(x, y));
-        let mut points = Vec::new();
-        let step = resample(&line, 16, &mut points);
-        assert_eq!(points.len(), 17);
-        assert!((step - 1.55 / 16.0).abs() < 1e-12);
-        assert_eq!((points[0], points[16]), (Vector2::zeros(), Vector2::new(1.0, 0.55)));
-    }
-
-    #[test]
-    fn bad_input_is_named() {
-        let default = CurvatureSmootherParams::default();
-        for params in [
-            CurvatureSmootherParams { max_curvature: 0.0, ..default },
-            CurvatureSmootherParams { spacing: f64::NAN, ..default },
-            CurvatureSmootherParams { clearance: -0.1, ..default },
-            CurvatureSmootherParams { path_weight: f64::INFINITY, ..default },
-        ] {
-            assert!(CurvatureSmoother::new(params).is_err(), "{params:?}");
-        }
-        let map = Grid::filled(GridLayout::new(20, 20, 0.1, Se2::default()).unwrap(), CellState::Free);
-        let obstacles = ObstacleMap::new(&map, CollisionParams::default(), Some(1.0)).unwrap();
-        let footprint = Footprint::circle(0.2).unwrap();
-        let far = Path::from_positions(&[Vector2::zeros(), Vector2::new(1e9, 0.0)]).unwrap();
-        let mut smooth = far.clone();
-        assert!(smoother().smooth_into(&obstacles, &footprint, &far, &mut smooth).is_err() && smooth.is_empty());
-        for few in [&[][..], &[Vector2::new(1.0, 1.0)], &[Vector2::new(1.0, 1.0), Vector2::new(1.02, 1.0)]] {
-            let path = Path::from_positions(few).unwrap();
-            let outcome = smoother().smooth_into(&obstacles, &footprint, &path, &mut smooth).unwrap();
-            assert!(smooth == path && outcome.max_curvature == 0.0);
-        }
-    }
-}
+mod tests;

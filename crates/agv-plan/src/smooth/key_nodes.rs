@@ -4,13 +4,13 @@
 //! becomes a key node *and the start of the next line*. (The paper lets `P[i]` be the next start, which leaves the stretch
 //! between the two unchecked.)
 
-use super::{LineOfSight, PathSmoother};
+use super::{LineOfSight, PathSmoother, straight::heading};
 use crate::Error;
 use agv_core::{
     check,
-    geometry::{Se2, So2},
+    geometry::Se2,
     grid::{Costmap, cost},
-    path::{Gear, Path, PathPoint},
+    path::{Path, PathPoint},
 };
 
 /// Parameters of [`KeyNodes`] and of [`TautString`](super::TautString).
@@ -117,15 +117,11 @@ impl PathSmoother for KeyNodes {
     }
 }
 
-/// The point with a heading along the line to the next one, or against it in reverse.
+/// The point with the heading of the line to the next one.
 fn looking_at(point: &PathPoint, next: &PathPoint) -> PathPoint {
-    let ahead = next.pose.translation() - point.pose.translation();
-    if ahead.norm_squared() == 0.0 {
-        return *point;
-    }
-    let sign = if next.gear == Gear::Reverse { -1.0 } else { 1.0 };
-    let heading = So2::from_direction(sign * ahead.x, sign * ahead.y);
-    PathPoint { pose: Se2::from_parts(point.pose.translation(), heading), gear: point.gear }
+    let position = point.pose.translation();
+    heading(position, next.pose.translation(), next.gear)
+        .map_or(*point, |heading| PathPoint { pose: Se2::from_parts(position, heading), gear: point.gear })
 }
 
 #[cfg(test)]
@@ -133,7 +129,9 @@ mod tests {
     use super::*;
     use crate::grid::{AStar, AStarParams};
     use agv_core::{
+        geometry::So2,
         grid::{Cell, CellState, Grid, GridLayout},
+        path::Gear,
         roles::{GlobalPlanner, PlanOutcome},
     };
     use proptest::prelude::*;

@@ -11,6 +11,7 @@
 mod curvature;
 mod key_nodes;
 mod line_of_sight;
+mod path_smoother;
 mod straight;
 mod straightened;
 mod taut_string;
@@ -18,6 +19,6 @@ mod taut_string;
 pub use curvature::{CurvatureSmoother, CurvatureSmootherParams, SmoothOutcome};
 pub use key_nodes::{KeyNodes, KeyNodesParams};
 pub use line_of_sight::LineOfSight;
-pub use straight::PathSmoother;
+pub use path_smoother::PathSmoother;
 pub use straightened::Straightened;
 pub use taut_string::TautString;

@@ -3,20 +3,9 @@
 use agv_core::{
     Error,
     geometry::{Se2, So2},
-    grid::Costmap,
     path::{Gear, Path, PathPoint},
 };
 use nalgebra::Vector2;
-
-/// What makes a path better to follow.
-pub trait PathSmoother {
-    /// Writes the better path, reusing the memory of `smooth`. First and last pose stay as they are, and it is clear on this
-    /// costmap wherever `path` is.
-    ///
-    /// # Errors
-    /// A path that the smoother cannot take.
-    fn smooth_into(&mut self, costmap: &Costmap, path: &Path, smooth: &mut Path) -> Result<(), Error>;
-}
 
 /// Index of the last point of the first piece that is driven in one gear and without a turn on the spot; none if no points are
 /// left.
@@ -40,11 +29,18 @@ pub(super) fn write_piece(piece: &[PathPoint], positions: &[Vector2<f64>], path:
     if piece.len() < 2 {
         return Ok(());
     }
-    let sign = if last.gear == Gear::Reverse { -1.0 } else { 1.0 };
     for pair in positions.get(1..).unwrap_or_default().windows(2) {
-        let ahead = (pair[1] - pair[0]) * sign;
-        let pose = Se2::from_parts(pair[0], So2::from_direction(ahead.x, ahead.y));
-        path.push(PathPoint { pose, gear: last.gear })?;
+        // A repeated position says nothing, and has no heading.
+        if let Some(heading) = heading(pair[0], pair[1], last.gear) {
+            path.push(PathPoint { pose: Se2::from_parts(pair[0], heading), gear: last.gear })?;
+        }
     }
     path.push(*last)
+}
+
+/// Heading of a vehicle on a straight line: along it, against it in reverse; none if the line has no length.
+pub(super) fn heading(from: Vector2<f64>, to: Vector2<f64>, gear: Gear) -> Option<So2> {
+    let sign = if gear == Gear::Reverse { -1.0 } else { 1.0 };
+    let ahead = (to - from) * sign;
+    (ahead != Vector2::zeros()).then(|| So2::from_direction(ahead.x, ahead.y))
 }

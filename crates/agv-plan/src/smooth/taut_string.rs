@@ -23,8 +23,8 @@ use nalgebra::Vector2;
 ///
 /// Blocked cells are grown by the margin, along both axes, as [`LineOfSight`] has it. First and last pose stay as they are, and
 /// so do cusps and turns on the spot; other headings look along the new lines. A stretch of the given path that is itself not
-/// clear is kept. The result is never longer than the path, and clear where the path was. Time is in proportion to the area
-/// that the string sweeps.
+/// clear is kept. The result is never longer than the path, and clear where the path was. Each sweep along the string, of which
+/// there are at most 1000, takes time in proportion to its points times the cells of a line, plus the cells of the triangles.
 ///
 /// ```
 /// use agv_core::geometry::Se2;
