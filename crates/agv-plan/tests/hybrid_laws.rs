@@ -212,6 +212,22 @@ fn why_there_is_no_path_is_said() {
 }
 
 #[test]
+fn a_query_that_ended_early_leaves_nothing_of_the_old_map() {
+    let (before, after) = (hall(&[(48, 0, 4, 50)]), hall(&[(48, 30, 4, 50), (10, 60, 3, 3)]));
+    let (start, goal, inside) = (at(&after, 2.0, 4.0, 0.0), at(&after, 8.0, 4.0, 0.0), at(&after, 0.9, 6.1, 0.0));
+    let (old, new) = (Costmap::from_map(&before), Costmap::from_map(&after));
+    let mut planner = HybridAStar::new(params(), footprint()).unwrap();
+    let (mut path, mut fresh_path) = (Path::new(), Path::new());
+    assert!(reason(planner.plan_into(&old, &start, &goal, &mut path).unwrap()).is_none());
+    let blocked = planner.plan_into(&new, &inside, &goal, &mut path).unwrap();
+    assert_eq!(reason(blocked), Some((NoPathReason::StartBlocked, 0)));
+    let outcome = planner.plan_into(&new, &start, &goal, &mut path).unwrap();
+    let mut fresh = HybridAStar::new(params(), footprint()).unwrap();
+    assert_eq!(fresh.plan_into(&new, &start, &goal, &mut fresh_path).unwrap(), outcome);
+    assert!(path == fresh_path && reason(outcome).is_none());
+}
+
+#[test]
 fn a_blocked_goal_moves_within_its_tolerance() {
     let map = hall(&[(50, 30, 6, 6)]);
     let goal = at(&map, 4.9, 3.3, 0.0);

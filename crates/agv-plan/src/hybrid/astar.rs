@@ -168,7 +168,10 @@ impl HybridAStar {
             return Err(PlanError::GoalOutside { x: goal.x(), y: goal.y() });
         }
         let no_path = |reason, expansions| Ok(PlanOutcome::NoPath { reason, expansions });
-        let map_changed = self.site.update(costmap).map_err(|error| into_core(&error))?;
+        if self.site.update(costmap).map_err(|error| into_core(&error))? {
+            // At once: the site tells of a change no second time, and this query may end before it needs the potential.
+            self.potential.forget();
+        }
         if !self.site.is_free(start) {
             return no_path(NoPathReason::StartBlocked, 0);
         }
@@ -179,7 +182,7 @@ impl HybridAStar {
         let Some((start_cell, goal_cell)) = cells.filter(|&(a, b)| self.site.are_joined(a, b)) else {
             return no_path(NoPathReason::Disconnected, 0);
         };
-        self.potential.begin(&self.site, goal_cell, map_changed);
+        self.potential.begin(&self.site, goal_cell);
         self.potential.reach(&self.site, start_cell);
 
         let mut limits = Limits { budget: self.params.max_expansions, cancel };

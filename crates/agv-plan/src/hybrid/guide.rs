@@ -22,9 +22,14 @@ pub(super) struct Potential {
 }
 
 impl Potential {
-    /// Begins anew at a goal, unless it is the goal that it has and the map is the same.
-    pub(super) fn begin(&mut self, site: &Site, goal: u32, map_changed: bool) {
-        if self.goal == Some(goal) && !map_changed {
+    /// Another map: what was computed says nothing of it.
+    pub(super) const fn forget(&mut self) {
+        self.goal = None;
+    }
+
+    /// Begins a query: anew at a goal, unless it is the goal that it has.
+    pub(super) fn begin(&mut self, site: &Site, goal: u32) {
+        if self.goal == Some(goal) {
             return;
         }
         let space = site.coarse();
