@@ -228,6 +228,39 @@ fn a_query_that_ended_early_leaves_nothing_of_the_old_map() {
 }
 
 #[test]
+fn an_answer_does_not_depend_on_queries_before() {
+    let layout = GridLayout::new(500, 400, 0.1, Se2::default()).unwrap();
+    let mut map = Grid::filled(layout, CellState::Free);
+    // Racks, with gaps at either end by turns; through the second, a crank that a circle passes and the vehicle does not: the
+    // search goes on far beyond what the potential knows at first.
+    let in_crank = |x, y| match y {
+        40 => (193..200).contains(&x),
+        41..48 => (150..200).contains(&x),
+        48 => (150..157).contains(&x),
+        _ => false,
+    };
+    for (x, y) in (0..500).flat_map(|x| (0..400).map(move |y| (x, y))) {
+        let rack = y % 40 < 9 && if y / 40 % 2 == 0 { x < 460 } else { x >= 40 };
+        if rack && !in_crank(x, y) {
+            map.set(Cell::new(x, y), CellState::Occupied);
+        }
+    }
+    let costmap = Costmap::from_map(&map);
+    let goal = Se2::new(20.0, 2.4, 0.0);
+    let near = Se2::new(16.0, 6.4, PI);
+    let mut path = Path::new();
+    let mut fresh = HybridAStar::new(params(), footprint()).unwrap();
+    let outcome = fresh.plan_into(&costmap, &near, &goal, &mut path).unwrap();
+    for far in [Se2::new(20.0, 38.4, 0.0), Se2::new(22.0, 2.4, 1.0), Se2::new(2.0, 22.4, 0.0)] {
+        let mut again = Path::new();
+        let mut planner = HybridAStar::new(params(), footprint()).unwrap();
+        planner.plan_into(&costmap, &far, &goal, &mut again).unwrap();
+        assert_eq!(planner.plan_into(&costmap, &near, &goal, &mut again).unwrap(), outcome);
+        assert!(again == path);
+    }
+}
+
+#[test]
 fn a_blocked_goal_moves_within_its_tolerance() {
     let map = hall(&[(50, 30, 6, 6)]);
     let goal = at(&map, 4.9, 3.3, 0.0);

@@ -55,7 +55,7 @@ impl Site {
         let params = CollisionParams { unknown_is_obstacle, outside_is_obstacle: true };
         let coarse = GridParams {
             connectivity: Connectivity::Eight,
-            // A bound must not be dearer than the way: what might be free is.
+            // An estimate should not be dearer than the way: what might be free is.
             corner_rule: CornerRule::Free,
             cost_weight,
             ..GridParams::default()
