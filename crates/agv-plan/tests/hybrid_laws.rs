@@ -196,7 +196,7 @@ fn why_there_is_no_path_is_said() {
         assert_eq!(reason(outcome), Some((want, 0)));
         assert!(path.is_empty());
     }
-    // A gap that a circle passes, and the vehicle does not: found out by search.
+    // A gap of 1 m, between 3 m of walls: the vehicle has 0.2 m to either side.
     let gap = hall(&[(30, 0, 30, 35), (30, 45, 30, 35)]);
     let (outcome, _) = plan(&mut planner, &gap, at(&gap, 1.5, 1.5, PI / 2.0), at(&gap, 8.5, 1.5, PI / 2.0));
     assert!(matches!(outcome, PlanOutcome::Found { .. }), "it just fits: {outcome:?}");
@@ -208,7 +208,15 @@ fn why_there_is_no_path_is_said() {
     let mut path = Path::new();
     let poses = (&at(&gap, 1.5, 1.5, PI / 2.0), &at(&gap, 8.5, 1.5, PI / 2.0));
     let outcome = planner.plan_with_cancel(&Costmap::from_map(&gap), poses, &mut path, &mut || true).unwrap();
-    assert!(matches!(reason(outcome), None | Some((NoPathReason::Cancelled, _))));
+    assert_eq!(reason(outcome), Some((NoPathReason::Cancelled, 0)));
+    // Later: not long after it says so.
+    let mut asked = 0;
+    let mut third_time = || {
+        asked += 1;
+        asked == 3
+    };
+    let outcome = planner.plan_with_cancel(&Costmap::from_map(&gap), poses, &mut path, &mut third_time).unwrap();
+    assert_eq!(reason(outcome), Some((NoPathReason::Cancelled, 32)));
 }
 
 #[test]

@@ -133,8 +133,8 @@ impl HybridAStar {
         &self.params
     }
 
-    /// As [`plan_into`](GlobalPlanner::plan_into), but asks `cancel` every [`Limits::CANCEL_INTERVAL`] expansions whether
-    /// to stop.
+    /// As [`plan_into`](GlobalPlanner::plan_into), but asks `cancel` at first and every 16 expansions, about a millisecond,
+    /// whether to stop. A path that was found before is not shortened then, but is a path.
     ///
     /// # Errors
     /// As [`plan_into`](GlobalPlanner::plan_into), and a map with more cells and headings than 2^32.
@@ -208,7 +208,7 @@ impl HybridAStar {
             self.legs.extend(self.curves.legs(&end, &shot.curve));
             end = goal;
         }
-        if self.params.shorten {
+        if self.params.shorten && !limits.cancel.as_mut().is_some_and(|cancel| cancel()) {
             self.shortener.run(&lattice, &self.site, &self.curves, &mut self.legs, &end);
         }
         write_path(&self.legs, start, &end, self.params.spacing, path)?;
@@ -256,7 +256,7 @@ impl HybridAStar {
         let lattice = Lattice::new(params, motions, site, start)?.with_fine(fine);
         let start_node = lattice.node(&start).unwrap_or(u32::MAX);
         let mut search = Search { shot: None, nearest: start_node, expansions: 0, end: SearchEnd::Exhausted };
-        let (mut nearest, mut pause, mut next_shot) = (u32::MAX, limits.next_pause(0), 0);
+        let (mut nearest, mut pause, mut next_shot) = (u32::MAX, pause_after(limits, 0), 0);
         let mut refine_until = u64::MAX;
         workspace.begin(&lattice);
         workspace.add_start(&Guide::new(potential, table, &lattice, goal), start_node, 0);
@@ -270,7 +270,7 @@ impl HybridAStar {
                     search.end = end;
                     break;
                 }
-                pause = limits.next_pause(search.expansions);
+                pause = pause_after(limits, search.expansions + CANCEL_INTERVAL);
             }
             potential.reach(site, at.node / u32::from(params.headings));
             let guide = Guide::new(potential, table, &lattice, goal);
@@ -302,6 +302,14 @@ impl HybridAStar {
 
 /// Turning radii from the goal within which every expansion tries a curve, and other words than the cheapest.
 const NEAR: f64 = 4.0;
+
+/// Expansions between two questions to `cancel`: they cost some 50 µs each, a thousand times those of a grid.
+const CANCEL_INTERVAL: u64 = 16;
+
+/// Expansions after which the limits are looked at, `next` at the latest if somebody may cancel.
+fn pause_after(limits: &Limits<'_>, next: u64) -> u64 {
+    if limits.cancel.is_some() { limits.budget.min(next) } else { limits.budget }
+}
 
 fn into_core(error: &Error) -> PlanError {
     match error {
