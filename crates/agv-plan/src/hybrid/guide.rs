@@ -73,9 +73,8 @@ impl Potential {
             self.known = self.workspace.least_key().unwrap_or(u32::MAX);
         }
         // A cell that nothing joins to the goal is known by all others being known.
-        let end = self
-            .final_cost(node)
-            .map_or(u32::MAX, |cost| cost.saturating_add(cost / 4).saturating_add(20 * STRAIGHT));
+        let end =
+            self.final_cost(node).map_or(u32::MAX, |cost| cost.saturating_add(cost / 4).saturating_add(20 * STRAIGHT));
         while self.known <= end && self.workspace.expand_next(space, &Zero).is_some() {
             self.known = self.workspace.least_key().unwrap_or(u32::MAX);
         }

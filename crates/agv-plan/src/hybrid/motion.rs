@@ -5,6 +5,7 @@ use agv_core::{
     geometry::{Se2, Twist2},
     path::Gear,
 };
+use std::f64::consts::TAU;
 
 /// A stretch of constant motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -68,12 +69,25 @@ pub(super) struct Motion {
 /// Lengths of a motion, as shares of the step: the shorter ones are for places where the longer are blocked.
 pub(super) const LENGTHS: [f64; 3] = [1.0, 0.5, 0.25];
 
+/// Curvatures that differ by less than this share of the tightest count as one.
+const ALIKE: f64 = 0.05;
+
+/// All curvatures of the motions, as shares of the tightest: none, then to the left and right by turns.
+///
+/// One of them turns by a single heading within a step: with turns by four headings alone, only every fourth could be reached.
+fn curvatures(params: &HybridAStarParams) -> impl Iterator<Item = f64> + Clone {
+    let n = u32::from(params.curvatures);
+    let single = TAU * params.turning_radius / (f64::from(params.headings) * params.step);
+    let shares = move || (1..=n).map(move |i| f64::from(i) / f64::from(n));
+    let is_new = single < 1.0 && shares().all(|share| (share - single).abs() > ALIKE);
+    let both = shares().chain(is_new.then_some(single)).flat_map(|share| [share, -share]);
+    std::iter::once(0.0).chain(both)
+}
+
 /// All motions of a vehicle, forwards first and the straight one before the turns; each in all [`LENGTHS`].
 pub(super) fn motions(params: &HybridAStarParams) -> Vec<Motion> {
     let mut motions = Vec::new();
-    let n = i32::from(params.curvatures);
-    // 0, 1, -1, 2, -2, ...
-    let curvatures = (0..=2 * n).map(|i| if i % 2 == 1 { (i + 1) / 2 } else { -i / 2 });
+    let curvatures = curvatures(params);
     let directions = if params.may_reverse { &[1.0, -1.0][..] } else { &[1.0][..] };
     for &direction in directions {
         let mut add = |twist: Twist2| {
@@ -83,8 +97,7 @@ pub(super) fn motions(params: &HybridAStarParams) -> Vec<Motion> {
             }
         };
         for curvature in curvatures.clone() {
-            let curvature = f64::from(curvature) / f64::from(n) / params.turning_radius;
-            add(Twist2::new(direction, 0.0, direction * curvature));
+            add(Twist2::new(direction, 0.0, direction * curvature / params.turning_radius));
         }
         if params.crab_angle > 0.0 {
             let (sin, cos) = params.crab_angle.sin_cos();
@@ -93,4 +106,25 @@ pub(super) fn motions(params: &HybridAStarParams) -> Vec<Motion> {
         }
     }
     motions
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_heading_is_reached_by_whole_ones() {
+        for radius in [0.1, 0.86, 1.0, 1.7, 4.0, 15.0] {
+            let params = HybridAStarParams::for_turning_radius(radius).unwrap();
+            assert!(params.validate().is_ok());
+            let per_heading = TAU / f64::from(params.headings);
+            let whole = motions(&params).into_iter().step_by(LENGTHS.len());
+            let turns: Vec<f64> = whole.map(|motion| motion.end.yaw() / per_heading).collect();
+            assert!(turns.iter().all(|turn| (turn - turn.round()).abs() < 1e-9), "{radius}: {turns:?}");
+            assert!(
+                [1.0, -1.0].iter().all(|one| turns.iter().any(|turn| (turn - one).abs() < 1e-9)),
+                "{radius}: {turns:?}"
+            );
+        }
+    }
 }
