@@ -284,6 +284,39 @@ fn a_blocked_goal_moves_within_its_tolerance() {
 }
 
 #[test]
+fn the_nearest_free_pose_is_taken_with_bounded_work() {
+    // A goal on a slab that is thinner to the right of it than to any other side.
+    let map = hall(&[(30, 20, 25, 40)]);
+    let goal = at(&map, 4.85, 4.0, 0.0);
+    let lax = HybridAStarParams { goal_tolerance: 3.0, goal_heading_tolerance: 0.1, ..params() };
+    let mut planner = HybridAStar::new(lax, footprint()).unwrap();
+    let (outcome, path) = plan(&mut planner, &map, at(&map, 8.0, 2.0, PI / 2.0), goal);
+    assert!(matches!(outcome, PlanOutcome::Found { .. }), "{outcome:?}");
+    let off = goal.inverse() * path.points()[path.len() - 1].pose;
+    // Its tail, 0.3 m behind it, is as far off as the slab's edge at 5.5 m, to a cell.
+    assert!(off.y().abs() < 1e-9 && off.x() > 0.9 && off.x() < 1.1 && off.yaw().abs() < 1e-9, "{off:?}");
+    // The greatest tolerances on the finest grid: no overflow, and no more poses than the budget has.
+    let tiny = GridLayout::new(60, 60, 1e-5, Se2::default()).unwrap();
+    let full = Costmap::from_map(&Grid::filled(tiny, CellState::Free));
+    let mut costs = full.costs().to_vec();
+    costs[30 * 60 + 30] = cost::LETHAL;
+    let map = Costmap::from_costs(Grid::new(tiny, costs).unwrap());
+    let widest = HybridAStarParams {
+        turning_radius: 1e-3,
+        step: 1e-4,
+        cell: 5e-5,
+        goal_tolerance: 100.0,
+        goal_heading_tolerance: PI,
+        max_expansions: 1000,
+        ..params()
+    };
+    let mut planner = HybridAStar::new(widest, Footprint::circle(5e-5).unwrap()).unwrap();
+    let (start, goal) = (Se2::new(1e-4, 1e-4, 0.0), Se2::new(3.05e-4, 3.05e-4, 0.0));
+    let outcome = planner.plan_into(&map, &start, &goal, &mut Path::new()).unwrap();
+    assert!(!matches!(outcome, PlanOutcome::NoPath { reason: NoPathReason::StartBlocked, .. }), "{outcome:?}");
+}
+
+#[test]
 fn bad_queries_are_refused() {
     let map = hall(&[]);
     let costmap = Costmap::from_map(&map);

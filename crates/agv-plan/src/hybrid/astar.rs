@@ -219,36 +219,42 @@ impl HybridAStar {
         }
     }
 
-    /// The goal if the vehicle can stand there, or the nearest pose within the tolerances where it can.
+    /// The goal if the vehicle can stand there, or the nearest pose within the tolerances where it can; of those in one place
+    /// the one that is turned least. Looks at no more poses than a query may expand states.
     fn free_near(&self, goal: &Se2) -> Option<Se2> {
         if self.site.is_free(goal) {
             return Some(*goal);
         }
-        let (reach, turn) = (self.params.goal_tolerance, self.params.goal_heading_tolerance);
         let step = self.site.layout().resolution();
-        let turns = (turn * f64::from(self.params.headings) / TAU).floor() as i32;
-        let mut free = None;
-        // Headings from the goal's own outwards; cells as they come, nearest first.
-        let poses_at = |x: f64, y: f64| {
-            (0..=turns).flat_map(|i| [i, -i]).map(move |i| {
-                let yaw = f64::from(i) * TAU / f64::from(self.params.headings);
-                goal.compose(&Se2::new(x, y, 0.0)).compose(&Se2::new(0.0, 0.0, yaw))
-            })
-        };
-        let cells = (reach / step).floor() as i32;
-        let mut least = i32::MAX;
-        for y in -cells..=cells {
-            for x in -cells..=cells {
+        let reach = self.params.goal_tolerance / step;
+        let per_heading = TAU / f64::from(self.params.headings);
+        let turns = (self.params.goal_heading_tolerance / per_heading).floor() as i32;
+        let headings =
+            || std::iter::once(0).chain((1..=turns).flat_map(|i| [i, -i])).map(|i| f64::from(i) * per_heading);
+        let mut left = self.params.max_expansions;
+        let mut found: Option<(i64, Se2)> = None;
+        // Square rings around the goal, outwards: no place of a ring is nearer than its number.
+        for ring in 0..=reach.floor() as i64 {
+            if found.is_some_and(|(least, _)| ring * ring >= least) {
+                break;
+            }
+            for (x, y) in places_of(ring) {
                 let squared = x * x + y * y;
-                if squared < least && f64::from(squared) * step * step <= reach * reach {
-                    let found = poses_at(f64::from(x) * step, f64::from(y) * step).find(|pose| self.site.is_free(pose));
-                    if found.is_some() {
-                        (free, least) = (found, squared);
+                if squared as f64 > reach * reach || found.is_some_and(|(least, _)| squared >= least) {
+                    continue;
+                }
+                for yaw in headings() {
+                    let Some(fewer) = left.checked_sub(1) else { return found.map(|(_, pose)| pose) };
+                    left = fewer;
+                    let pose = goal.compose(&Se2::new(x as f64 * step, y as f64 * step, yaw));
+                    if self.site.is_free(&pose) {
+                        found = Some((squared, pose));
+                        break;
                     }
                 }
             }
         }
-        free
+        found.map(|(_, pose)| pose)
     }
 
     fn search(&mut self, start: Se2, goal: &Se2, fine: bool, limits: &mut Limits<'_>) -> Result<Search, PlanError> {
@@ -298,6 +304,15 @@ impl HybridAStar {
         }
         Ok(search)
     }
+}
+
+/// The places of a square ring around the origin, each once.
+fn places_of(ring: i64) -> impl Iterator<Item = (i64, i64)> {
+    (-ring..=ring).flat_map(move |y| {
+        let whole_row = y.abs() == ring;
+        let stride = if whole_row { 1 } else { (2 * ring).max(1) };
+        (-ring..=ring).step_by(stride as usize).map(move |x| (x, y))
+    })
 }
 
 /// Turning radii from the goal within which every expansion tries a curve, and other words than the cheapest.
