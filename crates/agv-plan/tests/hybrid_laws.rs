@@ -333,14 +333,21 @@ fn bad_queries_are_refused() {
     assert!(matches!(planner.plan_into(&costmap, &far, &good, &mut path), Err(PlanError::StartOutside { .. })));
     assert!(matches!(planner.plan_into(&costmap, &good, &far, &mut path), Err(PlanError::GoalOutside { .. })));
     assert!(HybridAStar::new(HybridAStarParams { turning_radius: 0.0, ..params() }, footprint()).is_err());
-    // Maps of one cell, and of cells larger than the vehicle.
-    for (size, resolution) in [(1, 0.1), (3, 50.0)] {
+    // A map of one cell, and of cells that a step does not leave.
+    let middle_of = |size: usize, resolution: f64| {
         let layout = GridLayout::new(size, size, resolution, Se2::default()).unwrap();
-        let tiny = Costmap::from_map(&Grid::filled(layout, CellState::Free));
-        let middle = Se2::new(0.5 * size as f64 * resolution, 0.5 * size as f64 * resolution, 0.0);
-        let outcome = planner.plan_into(&tiny, &middle, &middle, &mut path).unwrap();
-        assert_eq!(matches!(outcome, PlanOutcome::Found { cost: 0.0, .. }), size == 3, "{outcome:?}");
+        let half = 0.5 * size as f64 * resolution;
+        (Costmap::from_map(&Grid::filled(layout, CellState::Free)), Se2::new(half, half, 0.0))
+    };
+    let (tiny, middle) = middle_of(1, 0.1);
+    assert!(reason(planner.plan_into(&tiny, &middle, &middle, &mut path).unwrap()).is_some());
+    for resolution in [0.3, 50.0] {
+        let (coarse, middle) = middle_of(40, resolution);
+        assert!(matches!(planner.plan_into(&coarse, &middle, &middle, &mut path), Err(PlanError::Invalid(_))));
     }
+    let (fair, middle) = middle_of(40, 0.24);
+    let outcome = planner.plan_into(&fair, &middle, &middle, &mut path).unwrap();
+    assert!(matches!(outcome, PlanOutcome::Found { cost: 0.0, .. }), "{outcome:?}");
     let unknown = Costmap::from_costs(Grid::filled(*map.layout(), cost::UNKNOWN));
     assert_eq!(
         reason(planner.plan_into(&unknown, &good, &good, &mut path).unwrap()),

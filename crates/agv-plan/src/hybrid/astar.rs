@@ -117,7 +117,7 @@ impl HybridAStar {
             motions: motions(&params),
             table: CurveTable::new(&params)?,
             curves: Curves::new(&params)?,
-            site: Site::new(footprint, params.cell, params.cost_weight, params.unknown_is_obstacle)?,
+            site: Site::new(footprint, &params)?,
             potential: Potential::default(),
             workspace: Workspace::default(),
             shooter: Shooter::default(),
@@ -137,7 +137,8 @@ impl HybridAStar {
     /// whether to stop. A path that was found before is not shortened then, but is a path.
     ///
     /// # Errors
-    /// As [`plan_into`](GlobalPlanner::plan_into), and a map with more cells and headings than 2^32.
+    /// As [`plan_into`](GlobalPlanner::plan_into), a map with more cells and headings than 2^32, and one whose cells a step
+    /// does not leave.
     pub fn plan_with_cancel(
         &mut self,
         costmap: &Costmap,

@@ -5,7 +5,6 @@ use agv_core::{
     geometry::{Se2, Twist2},
     path::Gear,
 };
-use std::f64::consts::TAU;
 
 /// A stretch of constant motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -103,6 +102,7 @@ pub(super) fn motions(params: &HybridAStarParams) -> Vec<Motion> {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use std::f64::consts::TAU;
 
     #[test]
     fn turns_are_by_whole_headings_and_reach_all_where_they_may() {
@@ -110,7 +110,7 @@ mod tests {
             let mut params = HybridAStarParams::for_turning_radius(radius).unwrap();
             let per_heading = TAU / f64::from(params.headings);
             params.curvatures = (params.step / radius / per_heading).round() as u8;
-            assert!(params.curvatures == 4 || radius > 2.0 || radius < 0.5);
+            assert!(params.curvatures == 4 || !(0.5..=2.0).contains(&radius));
             params.curvatures = params.curvatures.min(8);
             let whole = |params: &HybridAStarParams| -> Vec<f64> {
                 motions(params)

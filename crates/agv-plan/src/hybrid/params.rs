@@ -35,7 +35,7 @@ pub struct HybridAStarParams {
     /// take longer. The tightest turn should be by a whole number of headings, as it is from
     /// [`for_turning_radius`](Self::for_turning_radius).
     pub step: f64,
-    /// Edge of the cells of the lattice, in metres, rounded to whole cells of the map: of all poses in one cell with about one
+    /// Edge of the cells of the lattice, in metres, rounded to whole cells of the map, as many as a step leaves: of all poses in one cell with about one
     /// heading, the search follows the cheapest.
     pub cell: f64,
     /// Headings that the lattice tells apart.
@@ -129,6 +129,9 @@ impl HybridAStarParams {
         Ok(Self { crab_angle, ..Self::for_turning_radius(radius)? })
     }
 
+    /// Least length of a step in edges of a cell: a shorter one may end in the cell in which it began.
+    pub(super) const STEP_PER_CELL: f64 = 1.42;
+
     /// Checks all fields.
     ///
     /// # Errors
@@ -143,7 +146,12 @@ impl HybridAStarParams {
         check::positive("cell", self.cell)?;
         // A shorter step may not leave its cell (which is looked at again with the map's own cells), and one of half a circle
         // is no small motion.
-        check::in_range("step", self.step, 1.42 * self.cell, std::f64::consts::PI * self.turning_radius)?;
+        check::in_range(
+            "step",
+            self.step,
+            Self::STEP_PER_CELL * self.cell,
+            std::f64::consts::PI * self.turning_radius,
+        )?;
         check::in_range("headings", f64::from(self.headings), 8.0, 720.0)?;
         check::in_range("curvatures", f64::from(self.curvatures), 1.0, 8.0)?;
         check::in_range("spacing", self.spacing, 1e-3, f64::MAX)?;
