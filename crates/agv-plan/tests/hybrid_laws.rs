@@ -196,7 +196,7 @@ fn why_there_is_no_path_is_said() {
         assert_eq!(reason(outcome), Some((want, 0)));
         assert!(path.is_empty());
     }
-    // A gap that a circle passes, and the vehicle does not: found out by search.
+    // A gap of 1 m, between 3 m of walls: the vehicle has 0.2 m to either side.
     let gap = hall(&[(30, 0, 30, 35), (30, 45, 30, 35)]);
     let (outcome, _) = plan(&mut planner, &gap, at(&gap, 1.5, 1.5, PI / 2.0), at(&gap, 8.5, 1.5, PI / 2.0));
     assert!(matches!(outcome, PlanOutcome::Found { .. }), "it just fits: {outcome:?}");
@@ -208,7 +208,64 @@ fn why_there_is_no_path_is_said() {
     let mut path = Path::new();
     let poses = (&at(&gap, 1.5, 1.5, PI / 2.0), &at(&gap, 8.5, 1.5, PI / 2.0));
     let outcome = planner.plan_with_cancel(&Costmap::from_map(&gap), poses, &mut path, &mut || true).unwrap();
-    assert!(matches!(reason(outcome), None | Some((NoPathReason::Cancelled, _))));
+    assert_eq!(reason(outcome), Some((NoPathReason::Cancelled, 0)));
+    // Later: not long after it says so.
+    let mut asked = 0;
+    let mut third_time = || {
+        asked += 1;
+        asked == 3
+    };
+    let outcome = planner.plan_with_cancel(&Costmap::from_map(&gap), poses, &mut path, &mut third_time).unwrap();
+    assert_eq!(reason(outcome), Some((NoPathReason::Cancelled, 32)));
+}
+
+#[test]
+fn a_query_that_ended_early_leaves_nothing_of_the_old_map() {
+    let (before, after) = (hall(&[(48, 0, 4, 50)]), hall(&[(48, 30, 4, 50), (10, 60, 3, 3)]));
+    let (start, goal, inside) = (at(&after, 2.0, 4.0, 0.0), at(&after, 8.0, 4.0, 0.0), at(&after, 0.9, 6.1, 0.0));
+    let (old, new) = (Costmap::from_map(&before), Costmap::from_map(&after));
+    let mut planner = HybridAStar::new(params(), footprint()).unwrap();
+    let (mut path, mut fresh_path) = (Path::new(), Path::new());
+    assert!(reason(planner.plan_into(&old, &start, &goal, &mut path).unwrap()).is_none());
+    let blocked = planner.plan_into(&new, &inside, &goal, &mut path).unwrap();
+    assert_eq!(reason(blocked), Some((NoPathReason::StartBlocked, 0)));
+    let outcome = planner.plan_into(&new, &start, &goal, &mut path).unwrap();
+    let mut fresh = HybridAStar::new(params(), footprint()).unwrap();
+    assert_eq!(fresh.plan_into(&new, &start, &goal, &mut fresh_path).unwrap(), outcome);
+    assert!(path == fresh_path && reason(outcome).is_none());
+}
+
+#[test]
+fn an_answer_does_not_depend_on_queries_before() {
+    let layout = GridLayout::new(500, 400, 0.1, Se2::default()).unwrap();
+    let mut map = Grid::filled(layout, CellState::Free);
+    // Racks, with gaps at either end by turns; through the second, a crank that a circle passes and the vehicle does not: the
+    // search goes on far beyond what the potential knows at first.
+    let in_crank = |x, y| match y {
+        40 => (193..200).contains(&x),
+        41..48 => (150..200).contains(&x),
+        48 => (150..157).contains(&x),
+        _ => false,
+    };
+    for (x, y) in (0..500).flat_map(|x| (0..400).map(move |y| (x, y))) {
+        let rack = y % 40 < 9 && if y / 40 % 2 == 0 { x < 460 } else { x >= 40 };
+        if rack && !in_crank(x, y) {
+            map.set(Cell::new(x, y), CellState::Occupied);
+        }
+    }
+    let costmap = Costmap::from_map(&map);
+    let goal = Se2::new(20.0, 2.4, 0.0);
+    let near = Se2::new(16.0, 6.4, PI);
+    let mut path = Path::new();
+    let mut fresh = HybridAStar::new(params(), footprint()).unwrap();
+    let outcome = fresh.plan_into(&costmap, &near, &goal, &mut path).unwrap();
+    for far in [Se2::new(20.0, 38.4, 0.0), Se2::new(22.0, 2.4, 1.0), Se2::new(2.0, 22.4, 0.0)] {
+        let mut again = Path::new();
+        let mut planner = HybridAStar::new(params(), footprint()).unwrap();
+        planner.plan_into(&costmap, &far, &goal, &mut again).unwrap();
+        assert_eq!(planner.plan_into(&costmap, &near, &goal, &mut again).unwrap(), outcome);
+        assert!(again == path);
+    }
 }
 
 #[test]
@@ -224,6 +281,39 @@ fn a_blocked_goal_moves_within_its_tolerance() {
     assert!(matches!(outcome, PlanOutcome::Found { .. }), "{outcome:?}");
     let off = goal.inverse() * path.points()[path.len() - 1].pose;
     assert!(off.translation().norm() <= 1.5 && off.yaw().abs() <= 0.2 && fault(&map, &path, 1.0, 0.0, 0.05).is_none());
+}
+
+#[test]
+fn the_nearest_free_pose_is_taken_with_bounded_work() {
+    // A goal on a slab that is thinner to the right of it than to any other side.
+    let map = hall(&[(30, 20, 25, 40)]);
+    let goal = at(&map, 4.85, 4.0, 0.0);
+    let lax = HybridAStarParams { goal_tolerance: 3.0, goal_heading_tolerance: 0.1, ..params() };
+    let mut planner = HybridAStar::new(lax, footprint()).unwrap();
+    let (outcome, path) = plan(&mut planner, &map, at(&map, 8.0, 2.0, PI / 2.0), goal);
+    assert!(matches!(outcome, PlanOutcome::Found { .. }), "{outcome:?}");
+    let off = goal.inverse() * path.points()[path.len() - 1].pose;
+    // Its tail, 0.3 m behind it, is as far off as the slab's edge at 5.5 m, to a cell.
+    assert!(off.y().abs() < 1e-9 && off.x() > 0.9 && off.x() < 1.1 && off.yaw().abs() < 1e-9, "{off:?}");
+    // The greatest tolerances on the finest grid: no overflow, and no more poses than the budget has.
+    let tiny = GridLayout::new(60, 60, 1e-5, Se2::default()).unwrap();
+    let full = Costmap::from_map(&Grid::filled(tiny, CellState::Free));
+    let mut costs = full.costs().to_vec();
+    costs[30 * 60 + 30] = cost::LETHAL;
+    let map = Costmap::from_costs(Grid::new(tiny, costs).unwrap());
+    let widest = HybridAStarParams {
+        turning_radius: 1e-3,
+        step: 1e-4,
+        cell: 5e-5,
+        goal_tolerance: 100.0,
+        goal_heading_tolerance: PI,
+        max_expansions: 1000,
+        ..params()
+    };
+    let mut planner = HybridAStar::new(widest, Footprint::circle(5e-5).unwrap()).unwrap();
+    let (start, goal) = (Se2::new(1e-4, 1e-4, 0.0), Se2::new(3.05e-4, 3.05e-4, 0.0));
+    let outcome = planner.plan_into(&map, &start, &goal, &mut Path::new()).unwrap();
+    assert!(!matches!(outcome, PlanOutcome::NoPath { reason: NoPathReason::StartBlocked, .. }), "{outcome:?}");
 }
 
 #[test]
@@ -243,14 +333,21 @@ fn bad_queries_are_refused() {
     assert!(matches!(planner.plan_into(&costmap, &far, &good, &mut path), Err(PlanError::StartOutside { .. })));
     assert!(matches!(planner.plan_into(&costmap, &good, &far, &mut path), Err(PlanError::GoalOutside { .. })));
     assert!(HybridAStar::new(HybridAStarParams { turning_radius: 0.0, ..params() }, footprint()).is_err());
-    // Maps of one cell, and of cells larger than the vehicle.
-    for (size, resolution) in [(1, 0.1), (3, 50.0)] {
+    // A map of one cell, and of cells that a step does not leave.
+    let middle_of = |size: usize, resolution: f64| {
         let layout = GridLayout::new(size, size, resolution, Se2::default()).unwrap();
-        let tiny = Costmap::from_map(&Grid::filled(layout, CellState::Free));
-        let middle = Se2::new(0.5 * size as f64 * resolution, 0.5 * size as f64 * resolution, 0.0);
-        let outcome = planner.plan_into(&tiny, &middle, &middle, &mut path).unwrap();
-        assert_eq!(matches!(outcome, PlanOutcome::Found { cost: 0.0, .. }), size == 3, "{outcome:?}");
+        let half = 0.5 * size as f64 * resolution;
+        (Costmap::from_map(&Grid::filled(layout, CellState::Free)), Se2::new(half, half, 0.0))
+    };
+    let (tiny, middle) = middle_of(1, 0.1);
+    assert!(reason(planner.plan_into(&tiny, &middle, &middle, &mut path).unwrap()).is_some());
+    for resolution in [0.3, 50.0] {
+        let (coarse, middle) = middle_of(40, resolution);
+        assert!(matches!(planner.plan_into(&coarse, &middle, &middle, &mut path), Err(PlanError::Invalid(_))));
     }
+    let (fair, middle) = middle_of(40, 0.24);
+    let outcome = planner.plan_into(&fair, &middle, &middle, &mut path).unwrap();
+    assert!(matches!(outcome, PlanOutcome::Found { cost: 0.0, .. }), "{outcome:?}");
     let unknown = Costmap::from_costs(Grid::filled(*map.layout(), cost::UNKNOWN));
     assert_eq!(
         reason(planner.plan_into(&unknown, &good, &good, &mut path).unwrap()),

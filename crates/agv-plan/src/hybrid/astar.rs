@@ -117,7 +117,7 @@ impl HybridAStar {
             motions: motions(&params),
             table: CurveTable::new(&params)?,
             curves: Curves::new(&params)?,
-            site: Site::new(footprint, params.cell, params.cost_weight, params.unknown_is_obstacle)?,
+            site: Site::new(footprint, &params)?,
             potential: Potential::default(),
             workspace: Workspace::default(),
             shooter: Shooter::default(),
@@ -133,11 +133,12 @@ impl HybridAStar {
         &self.params
     }
 
-    /// As [`plan_into`](GlobalPlanner::plan_into), but asks `cancel` every [`Limits::CANCEL_INTERVAL`] expansions whether
-    /// to stop.
+    /// As [`plan_into`](GlobalPlanner::plan_into), but asks `cancel` at first and every 16 expansions, about a millisecond,
+    /// whether to stop. A path that was found before is not shortened then, but is a path.
     ///
     /// # Errors
-    /// As [`plan_into`](GlobalPlanner::plan_into), and a map with more cells and headings than 2^32.
+    /// As [`plan_into`](GlobalPlanner::plan_into), a map with more cells and headings than 2^32, and one whose cells a step
+    /// does not leave.
     pub fn plan_with_cancel(
         &mut self,
         costmap: &Costmap,
@@ -168,7 +169,10 @@ impl HybridAStar {
             return Err(PlanError::GoalOutside { x: goal.x(), y: goal.y() });
         }
         let no_path = |reason, expansions| Ok(PlanOutcome::NoPath { reason, expansions });
-        let map_changed = self.site.update(costmap).map_err(|error| into_core(&error))?;
+        if self.site.update(costmap).map_err(|error| into_core(&error))? {
+            // At once: the site tells of a change no second time, and this query may end before it needs the potential.
+            self.potential.forget();
+        }
         if !self.site.is_free(start) {
             return no_path(NoPathReason::StartBlocked, 0);
         }
@@ -179,7 +183,7 @@ impl HybridAStar {
         let Some((start_cell, goal_cell)) = cells.filter(|&(a, b)| self.site.are_joined(a, b)) else {
             return no_path(NoPathReason::Disconnected, 0);
         };
-        self.potential.begin(&self.site, goal_cell, map_changed);
+        self.potential.begin(&self.site, goal_cell);
         self.potential.reach(&self.site, start_cell);
 
         let mut limits = Limits { budget: self.params.max_expansions, cancel };
@@ -205,7 +209,7 @@ impl HybridAStar {
             self.legs.extend(self.curves.legs(&end, &shot.curve));
             end = goal;
         }
-        if self.params.shorten {
+        if self.params.shorten && !limits.cancel.as_mut().is_some_and(|cancel| cancel()) {
             self.shortener.run(&lattice, &self.site, &self.curves, &mut self.legs, &end);
         }
         write_path(&self.legs, start, &end, self.params.spacing, path)?;
@@ -216,36 +220,42 @@ impl HybridAStar {
         }
     }
 
-    /// The goal if the vehicle can stand there, or the nearest pose within the tolerances where it can.
+    /// The goal if the vehicle can stand there, or the nearest pose within the tolerances where it can; of those in one place
+    /// the one that is turned least. Looks at no more poses than a query may expand states.
     fn free_near(&self, goal: &Se2) -> Option<Se2> {
         if self.site.is_free(goal) {
             return Some(*goal);
         }
-        let (reach, turn) = (self.params.goal_tolerance, self.params.goal_heading_tolerance);
         let step = self.site.layout().resolution();
-        let turns = (turn * f64::from(self.params.headings) / TAU).floor() as i32;
-        let mut free = None;
-        // Headings from the goal's own outwards; cells as they come, nearest first.
-        let poses_at = |x: f64, y: f64| {
-            (0..=turns).flat_map(|i| [i, -i]).map(move |i| {
-                let yaw = f64::from(i) * TAU / f64::from(self.params.headings);
-                goal.compose(&Se2::new(x, y, 0.0)).compose(&Se2::new(0.0, 0.0, yaw))
-            })
-        };
-        let cells = (reach / step).floor() as i32;
-        let mut least = i32::MAX;
-        for y in -cells..=cells {
-            for x in -cells..=cells {
+        let reach = self.params.goal_tolerance / step;
+        let per_heading = TAU / f64::from(self.params.headings);
+        let turns = (self.params.goal_heading_tolerance / per_heading).floor() as i32;
+        let headings =
+            || std::iter::once(0).chain((1..=turns).flat_map(|i| [i, -i])).map(|i| f64::from(i) * per_heading);
+        let mut left = self.params.max_expansions;
+        let mut found: Option<(i64, Se2)> = None;
+        // Square rings around the goal, outwards: no place of a ring is nearer than its number.
+        for ring in 0..=reach.floor() as i64 {
+            if found.is_some_and(|(least, _)| ring * ring >= least) {
+                break;
+            }
+            for (x, y) in places_of(ring) {
                 let squared = x * x + y * y;
-                if squared < least && f64::from(squared) * step * step <= reach * reach {
-                    let found = poses_at(f64::from(x) * step, f64::from(y) * step).find(|pose| self.site.is_free(pose));
-                    if found.is_some() {
-                        (free, least) = (found, squared);
+                if squared as f64 > reach * reach || found.is_some_and(|(least, _)| squared >= least) {
+                    continue;
+                }
+                for yaw in headings() {
+                    let Some(fewer) = left.checked_sub(1) else { return found.map(|(_, pose)| pose) };
+                    left = fewer;
+                    let pose = goal.compose(&Se2::new(x as f64 * step, y as f64 * step, yaw));
+                    if self.site.is_free(&pose) {
+                        found = Some((squared, pose));
+                        break;
                     }
                 }
             }
         }
-        free
+        found.map(|(_, pose)| pose)
     }
 
     fn search(&mut self, start: Se2, goal: &Se2, fine: bool, limits: &mut Limits<'_>) -> Result<Search, PlanError> {
@@ -253,7 +263,7 @@ impl HybridAStar {
         let lattice = Lattice::new(params, motions, site, start)?.with_fine(fine);
         let start_node = lattice.node(&start).unwrap_or(u32::MAX);
         let mut search = Search { shot: None, nearest: start_node, expansions: 0, end: SearchEnd::Exhausted };
-        let (mut nearest, mut pause, mut next_shot) = (u32::MAX, limits.next_pause(0), 0);
+        let (mut nearest, mut pause, mut next_shot) = (u32::MAX, pause_after(limits, 0), 0);
         let mut refine_until = u64::MAX;
         workspace.begin(&lattice);
         workspace.add_start(&Guide::new(potential, table, &lattice, goal), start_node, 0);
@@ -267,7 +277,7 @@ impl HybridAStar {
                     search.end = end;
                     break;
                 }
-                pause = limits.next_pause(search.expansions);
+                pause = pause_after(limits, search.expansions + CANCEL_INTERVAL);
             }
             potential.reach(site, at.node / u32::from(params.headings));
             let guide = Guide::new(potential, table, &lattice, goal);
@@ -297,8 +307,25 @@ impl HybridAStar {
     }
 }
 
+/// The places of a square ring around the origin, each once.
+fn places_of(ring: i64) -> impl Iterator<Item = (i64, i64)> {
+    (-ring..=ring).flat_map(move |y| {
+        let whole_row = y.abs() == ring;
+        let stride = if whole_row { 1 } else { (2 * ring).max(1) };
+        (-ring..=ring).step_by(stride as usize).map(move |x| (x, y))
+    })
+}
+
 /// Turning radii from the goal within which every expansion tries a curve, and other words than the cheapest.
 const NEAR: f64 = 4.0;
+
+/// Expansions between two questions to `cancel`: they cost some 50 µs each, a thousand times those of a grid.
+const CANCEL_INTERVAL: u64 = 16;
+
+/// Expansions after which the limits are looked at, `next` at the latest if somebody may cancel.
+fn pause_after(limits: &Limits<'_>, next: u64) -> u64 {
+    if limits.cancel.is_some() { limits.budget.min(next) } else { limits.budget }
+}
 
 fn into_core(error: &Error) -> PlanError {
     match error {

@@ -13,8 +13,7 @@ use std::f64::consts::{PI, TAU};
 
 /// Shortest curves of a vehicle that only drives forwards.
 ///
-/// Allocates nothing; about a quarter of a microsecond a curve. The length is not continuous: to end a hair behind the start takes a
-/// full circle. Poses within a billionth of the radius, and of a radian, of each other count as one.
+/// Allocates nothing. The length is not continuous: to end a hair behind the start takes a full circle. Poses within a billionth of the radius, and of a radian, of each other count as one.
 ///
 /// ```
 /// use agv_core::geometry::Se2;
@@ -97,7 +96,7 @@ impl Relative {
         for (name, pose) in [("from", from), ("to", to)] {
             check::all_finite(name, &[pose.x(), pose.y(), pose.rotation().cos(), pose.rotation().sin()])?;
         }
-        let relative = Self::of(&from.inverse().compose(to), radius);
+        let relative = Self::of(&from.between(to), radius);
         check::in_range("distance (radii)", relative.x.abs().max(relative.y.abs()), 0.0, 1e12)?;
         Ok(relative)
     }

@@ -11,7 +11,7 @@ use super::{
 };
 use crate::grid::{Frontier, Known, NodeStore, Reached, SearchSpace};
 use agv_core::{
-    Error,
+    Error, check,
     geometry::{Se2, Twist2},
 };
 use nalgebra::Vector2;
@@ -55,7 +55,7 @@ impl<'a> Lattice<'a> {
     /// The lattice for a start.
     ///
     /// # Errors
-    /// More nodes than can be numbered.
+    /// More nodes than can be numbered, or cells that a step does not leave.
     pub(super) fn new(
         params: &'a HybridAStarParams,
         motions: &'a [Motion],
@@ -63,6 +63,8 @@ impl<'a> Lattice<'a> {
         start: Se2,
     ) -> Result<Self, Error> {
         let (width, height, block) = site.coarse_size();
+        let least = HybridAStarParams::STEP_PER_CELL * block as f64 * site.layout().resolution() * (1.0 - 1e-9);
+        check::in_range("step (the map's cells are too large)", params.step, least, f64::MAX)?;
         let nodes = width.saturating_mul(height).saturating_mul(usize::from(params.headings));
         let max = u32::MAX as usize;
         if nodes >= max {
@@ -186,10 +188,10 @@ impl SearchSpace for Lattice<'_> {
                         self.params.steering_change * before.wheels.change(&motion.wheels, self.params.turning_radius);
                 }
                 let cost = at.cost.saturating_add((cost * UNIT).round() as u32);
-                // What is known to be useless is not checked for collisions.
+                // What is known to be useless is not checked for collisions; a shorter one may yet be of use.
                 let is_useless = |known: Known<Arrival>| known.link.closed || known.cost <= cost;
                 if frontier.known(node).is_some_and(is_useless) {
-                    break;
+                    continue;
                 }
                 if self.site.is_free_along(&pose, &motion.twist, motion.length) {
                     let number = (LENGTHS.len() * kind + number) as u8;

@@ -68,12 +68,17 @@ pub(super) struct Motion {
 /// Lengths of a motion, as shares of the step: the shorter ones are for places where the longer are blocked.
 pub(super) const LENGTHS: [f64; 3] = [1.0, 0.5, 0.25];
 
+/// All curvatures of the motions, as shares of the tightest: none, then to the left and right by turns.
+fn curvatures(params: &HybridAStarParams) -> impl Iterator<Item = f64> + Clone {
+    let n = u32::from(params.curvatures);
+    let both = (1..=n).map(move |i| f64::from(i) / f64::from(n)).flat_map(|share| [share, -share]);
+    std::iter::once(0.0).chain(both)
+}
+
 /// All motions of a vehicle, forwards first and the straight one before the turns; each in all [`LENGTHS`].
 pub(super) fn motions(params: &HybridAStarParams) -> Vec<Motion> {
     let mut motions = Vec::new();
-    let n = i32::from(params.curvatures);
-    // 0, 1, -1, 2, -2, ...
-    let curvatures = (0..=2 * n).map(|i| if i % 2 == 1 { (i + 1) / 2 } else { -i / 2 });
+    let curvatures = curvatures(params);
     let directions = if params.may_reverse { &[1.0, -1.0][..] } else { &[1.0][..] };
     for &direction in directions {
         let mut add = |twist: Twist2| {
@@ -83,8 +88,7 @@ pub(super) fn motions(params: &HybridAStarParams) -> Vec<Motion> {
             }
         };
         for curvature in curvatures.clone() {
-            let curvature = f64::from(curvature) / f64::from(n) / params.turning_radius;
-            add(Twist2::new(direction, 0.0, direction * curvature));
+            add(Twist2::new(direction, 0.0, direction * curvature / params.turning_radius));
         }
         if params.crab_angle > 0.0 {
             let (sin, cos) = params.crab_angle.sin_cos();
@@ -93,4 +97,32 @@ pub(super) fn motions(params: &HybridAStarParams) -> Vec<Motion> {
         }
     }
     motions
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::TAU;
+
+    #[test]
+    fn turns_are_by_whole_headings_and_reach_all_where_they_may() {
+        for radius in [0.1, 0.86, 1.0, 1.2 / 35_f64.to_radians().tan(), 4.0, 15.0] {
+            let mut params = HybridAStarParams::for_turning_radius(radius).unwrap();
+            let per_heading = TAU / f64::from(params.headings);
+            params.curvatures = (params.step / radius / per_heading).round() as u8;
+            assert!(params.curvatures == 4 || !(0.5..=2.0).contains(&radius));
+            params.curvatures = params.curvatures.min(8);
+            let whole = |params: &HybridAStarParams| -> Vec<f64> {
+                motions(params)
+                    .into_iter()
+                    .step_by(LENGTHS.len())
+                    .map(|motion| motion.end.yaw() / per_heading)
+                    .collect()
+            };
+            let tightest = whole(&HybridAStarParams { curvatures: 1, ..params });
+            assert!(tightest.iter().all(|turn| (turn - turn.round()).abs() < 1e-9), "{radius}: {tightest:?}");
+            let all = whole(&params);
+            assert!(radius < 0.5 || all.iter().any(|turn| (turn - 1.0).abs() < 1e-9), "{radius}: {all:?}");
+        }
+    }
 }

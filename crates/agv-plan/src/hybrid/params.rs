@@ -5,7 +5,7 @@ use agv_core::{
     Error, check,
     kinematics::{Ackermann, AckermannParams, DoubleAckermannParams, SteeringLimits},
 };
-use std::f64::consts::FRAC_PI_2;
+use std::f64::consts::{FRAC_PI_2, TAU};
 
 /// Parameters of a [`HybridAStar`](super::HybridAStar).
 ///
@@ -32,14 +32,17 @@ pub struct HybridAStarParams {
     /// Whether cells that were not observed are obstacles.
     pub unknown_is_obstacle: bool,
     /// Length of the motions that the search is made of, in metres. Shorter ones find their way through narrower places, and
-    /// take longer.
+    /// take longer. The tightest turn should be by a whole number of headings, as it is from
+    /// [`for_turning_radius`](Self::for_turning_radius).
     pub step: f64,
-    /// Edge of the cells of the lattice, in metres, rounded to whole cells of the map: of all poses in one cell with about one
+    /// Edge of the cells of the lattice, in metres, rounded to whole cells of the map, as many as a step leaves: of all poses in one cell with about one
     /// heading, the search follows the cheapest.
     pub cell: f64,
     /// Headings that the lattice tells apart.
     pub headings: u16,
-    /// Curvatures between straight ahead and the tightest turn, the latter included, to either side.
+    /// Curvatures between straight ahead and the tightest turn, the latter included, to either side. With one, and steps that
+    /// turn by four headings, motions from the start reach every fourth of all headings, which finds the same paths in a
+    /// third of the expansions; with four they reach all.
     pub curvatures: u8,
     /// Most distance of the path's points, in metres.
     pub spacing: f64,
@@ -62,10 +65,11 @@ pub struct HybridAStarParams {
 
 impl Default for HybridAStarParams {
     /// The tugger of [`AckermannParams`] (1.7 m turning radius), reversing at the double price as in Nav2's Smac planner, half
-    /// a metre for a cusp; motions of a third of the radius, and 72 headings as there.
+    /// a metre for a cusp; 72 headings as there, and motions that turn by four of them at the most: a third of the radius.
     fn default() -> Self {
+        let (turning_radius, headings) = (1.2 / 35_f64.to_radians().tan(), 72);
         Self {
-            turning_radius: 1.2 / 35_f64.to_radians().tan(),
+            turning_radius,
             crab_angle: 0.0,
             may_reverse: true,
             reverse_weight: 2.0,
@@ -73,9 +77,9 @@ impl Default for HybridAStarParams {
             steering_change: 0.05,
             cost_weight: 0.0,
             unknown_is_obstacle: true,
-            step: 0.6,
+            step: turning_radius * 4.0 * TAU / f64::from(headings),
             cell: 0.3,
-            headings: 72,
+            headings,
             curvatures: 1,
             spacing: 0.05,
             goal_tolerance: 0.0,
@@ -96,8 +100,13 @@ impl HybridAStarParams {
     /// A radius that is not finite and positive.
     pub fn for_turning_radius(radius: f64) -> Result<Self, Error> {
         check::positive("turning_radius", radius)?;
-        let step = (0.35 * radius).clamp(0.1, 1.5);
-        Ok(Self { turning_radius: radius, step, cell: 0.5 * step, ..Self::default() })
+        let params = Self { turning_radius: radius, ..Self::default() };
+        // A whole number of headings, where the step turns by one at all.
+        let per_heading = radius * TAU / f64::from(params.headings);
+        let wanted = (0.35 * radius).clamp(0.1, 1.5);
+        let turned = (wanted / per_heading).round();
+        let step = if turned > 0.0 { turned * per_heading } else { wanted };
+        Ok(Self { step, cell: 0.5 * step, ..params })
     }
 
     /// The parameters of a vehicle that steers its front axle; the base frame is in the middle of the rear axle.
@@ -120,6 +129,9 @@ impl HybridAStarParams {
         Ok(Self { crab_angle, ..Self::for_turning_radius(radius)? })
     }
 
+    /// Least length of a step in edges of a cell: a shorter one may end in the cell in which it began.
+    pub(super) const STEP_PER_CELL: f64 = 1.42;
+
     /// Checks all fields.
     ///
     /// # Errors
@@ -127,14 +139,19 @@ impl HybridAStarParams {
     pub fn validate(&self) -> Result<(), Error> {
         check::in_range("turning_radius", self.turning_radius, 1e-3, 1e4)?;
         check::in_range("crab_angle", self.crab_angle, 0.0, FRAC_PI_2.next_down())?;
-        self.weights().validate()?;
         check::in_range("reverse_weight", self.reverse_weight, 1.0, 100.0)?;
         check::in_range("gear_change", self.gear_change, 0.0, 1e3)?;
         check::in_range("steering_change", self.steering_change, 0.0, 1e3)?;
         check::in_range("cost_weight", self.cost_weight, 0.0, crate::grid::GridParams::MAX_COST_WEIGHT)?;
         check::positive("cell", self.cell)?;
-        // A shorter step may not leave its cell, and one of half a circle is no small motion.
-        check::in_range("step", self.step, 1.42 * self.cell, std::f64::consts::PI * self.turning_radius)?;
+        // A shorter step may not leave its cell (which is looked at again with the map's own cells), and one of half a circle
+        // is no small motion.
+        check::in_range(
+            "step",
+            self.step,
+            Self::STEP_PER_CELL * self.cell,
+            std::f64::consts::PI * self.turning_radius,
+        )?;
         check::in_range("headings", f64::from(self.headings), 8.0, 720.0)?;
         check::in_range("curvatures", f64::from(self.curvatures), 1.0, 8.0)?;
         check::in_range("spacing", self.spacing, 1e-3, f64::MAX)?;
@@ -174,7 +191,7 @@ mod tests {
             ("turning_radius", HybridAStarParams { turning_radius: f64::INFINITY, ..good }),
             ("crab_angle", HybridAStarParams { crab_angle: -0.1, ..good }),
             ("crab_angle", HybridAStarParams { crab_angle: 2.0, ..good }),
-            ("reverse", HybridAStarParams { reverse_weight: 0.5, ..good }),
+            ("reverse_weight", HybridAStarParams { reverse_weight: 0.5, ..good }),
             ("gear_change", HybridAStarParams { gear_change: -1.0, ..good }),
             ("gear_change", HybridAStarParams { gear_change: f64::NAN, ..good }),
             ("steering_change", HybridAStarParams { steering_change: f64::INFINITY, ..good }),

@@ -1,5 +1,6 @@
 //! The map as a vehicle with an outline sees it: what it may not touch, where its base may be, and what that costs.
 
+use super::params::HybridAStarParams;
 use crate::Error;
 use crate::grid::{GridParams, GridSpace};
 use agv_core::{
@@ -27,7 +28,9 @@ pub(super) struct Site {
     components: Components,
     /// Cells of the map along the edge of a coarse one.
     block: usize,
+    /// Wanted edge of a coarse cell, and the greatest that a step leaves, in metres.
     cell: f64,
+    most: f64,
     unknown_is_obstacle: bool,
     seen: Option<Revision>,
     /// Start and goal of the query.
@@ -45,17 +48,13 @@ const NEAR_END: f64 = 1.0;
 const LOOK: f64 = 0.3;
 
 impl Site {
-    pub(super) fn new(
-        footprint: Footprint,
-        cell: f64,
-        cost_weight: f64,
-        unknown_is_obstacle: bool,
-    ) -> Result<Self, Error> {
+    pub(super) fn new(footprint: Footprint, vehicle: &HybridAStarParams) -> Result<Self, Error> {
+        let HybridAStarParams { cell, step, cost_weight, unknown_is_obstacle, .. } = *vehicle;
         let nothing = Grid::filled(GridLayout::new(1, 1, 1.0, Se2::default())?, CellState::Free);
         let params = CollisionParams { unknown_is_obstacle, outside_is_obstacle: true };
         let coarse = GridParams {
             connectivity: Connectivity::Eight,
-            // A bound must not be dearer than the way: what might be free is.
+            // An estimate should not be dearer than the way: what might be free is.
             corner_rule: CornerRule::Free,
             cost_weight,
             ..GridParams::default()
@@ -71,6 +70,7 @@ impl Site {
             components: Components::default(),
             block: 1,
             cell,
+            most: step / HybridAStarParams::STEP_PER_CELL,
             unknown_is_obstacle,
             seen: None,
             ends: [Se2::default(); 2],
@@ -118,7 +118,9 @@ impl Site {
 
     /// A coarse cell is passable if one of its cells is, and costs as much as the cheapest of them.
     fn derive_coarse(&mut self, layout: &GridLayout) -> Result<(), Error> {
-        self.block = ((self.cell / layout.resolution()).round() as usize).max(1);
+        // A hair more: 0.3 m may be 5.999 cells of 0.05 m.
+        let most = (self.most / layout.resolution() * (1.0 + 1e-9)).floor();
+        self.block = ((self.cell / layout.resolution()).round().min(most) as usize).max(1);
         let (width, height) = (layout.width().div_ceil(self.block), layout.height().div_ceil(self.block));
         let coarse = GridLayout::new(width, height, layout.resolution() * self.block as f64, layout.map_from_grid())?;
         let mut least = vec![cost::LETHAL; coarse.len()];

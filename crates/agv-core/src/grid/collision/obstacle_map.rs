@@ -5,10 +5,10 @@
 //! from centre to centre of the cells, of edge `e`, obstacles are no nearer to a point than `d - √2 e`, and one has its
 //! centre within `d + e/√2`.
 //!
-//! On the way, no point of the footprint is faster than `|v| + |ω| R`, `R` being the circumscribed radius. A motion is
-//! cut so that between two samples no point moves farther than twice a margin, and at each sample the footprint grown
-//! by the margin is checked: whatever it touches at any time in between, it is found, however thin. The price is that
-//! obstacles that it passes within the margin, a quarter of a cell, may count too.
+//! On the way, no point of the footprint is faster than `|v| + |ω| R`, `R` being the circumscribed radius. If in the middle
+//! of a motion the footprint is free, grown by how far a point goes until the motion's end, all of it is; if not, either
+//! half is looked at, until the growth is no more than a margin: whatever the vehicle touches at any time is found, however
+//! thin. The price is that obstacles that it passes within the margin, a quarter of a cell, may count too.
 
 use super::CollisionParams;
 use crate::{
@@ -48,7 +48,7 @@ pub struct ObstacleMap {
     cut_off: f32,
 }
 
-/// Growth of the footprint between samples of a motion, in cells.
+/// Growth of the footprint in the shortest stretches of a motion, in cells.
 pub(super) const MARGIN: f64 = 0.25;
 
 /// Clearance of the circle around a vehicle, in cells, that is enough not to look closer.
@@ -170,31 +170,15 @@ impl ObstacleMap {
         check::non_negative("dt", dt)?;
         let resolution = self.layout().resolution();
         let speed = twist.speed() + twist.yaw_rate.abs() * footprint.circumscribed_radius();
-        let margin = growth * resolution;
-        let samples = (speed * dt / (2.0 * margin)).ceil();
-        check::in_range("samples of the motion", samples, 0.0, Self::MAX_SAMPLES as f64)?;
-        if samples == 0.0 {
-            return Ok(self.touches(footprint, map_from_base, 0.0));
+        // How far a point goes at the most, in cells, and into how many stretches that is cut at the most: halves of halves.
+        let travel = speed * dt / resolution;
+        check::in_range("samples of the motion", (travel / (2.0 * growth)).ceil(), 0.0, Self::MAX_SAMPLES as f64)?;
+        let (mut levels, mut finest) = (0, 0.5 * travel);
+        while finest > growth {
+            (levels, finest) = (levels + 1, 0.5 * finest);
         }
-        // A sample stands for the time of one step around it: half a step is a margin of motion.
-        let step = dt / samples;
-        let mut time = 0.5 * step;
-        while time < dt {
-            let pose = map_from_base.compose(&twist.integrate(time));
-            // Free for as long as no point can cross the clearance, which is at least half a step, before and after.
-            let clearance = self.clearance(footprint, &pose);
-            if clearance > margin {
-                time += clearance / speed + 0.5 * step;
-                continue;
-            }
-            if self.touches(footprint, &pose, growth) {
-                return Ok(true);
-            }
-            time += step;
-        }
-        // The last step may have ended short of the end.
-        let end = map_from_base.compose(&twist.integrate(dt));
-        Ok(self.touches(footprint, &end, growth))
+        let motion = Motion { obstacles: self, footprint, start: *map_from_base, twist, finest };
+        Ok(motion.touches(0.5 * dt, 0.5 * dt, levels))
     }
 
     /// Whether the vehicle touches an obstacle on the arc of constant twist from one pose to another.
@@ -245,11 +229,14 @@ impl ObstacleMap {
     }
 
     pub(super) fn touches(&self, footprint: &Footprint, pose: &Se2, margin: f64) -> bool {
+        self.clearance(footprint, pose) <= margin * self.layout().resolution() * SQRT_2
+            && self.touches_closely(footprint, pose, margin)
+    }
+
+    /// As `touches`, for poses whose clearance does not tell.
+    fn touches_closely(&self, footprint: &Footprint, pose: &Se2, margin: f64) -> bool {
         let layout = self.blocked.layout();
         let resolution = layout.resolution();
-        if self.clearance(footprint, pose) > margin * resolution * SQRT_2 {
-            return false;
-        }
         let distance = layout.cell_at(&pose.translation()).and_then(|cell| self.distance.get(cell));
         // A distance that was cut off says nothing of obstacles near.
         if distance.is_some_and(|&d| {
@@ -274,3 +261,46 @@ impl ObstacleMap {
         })
     }
 }
+
+/// A motion that is looked at.
+struct Motion<'a> {
+    obstacles: &'a ObstacleMap,
+    footprint: &'a Footprint,
+    start: Se2,
+    twist: &'a Twist2,
+    /// Farthest that a point goes in half of the shortest stretch, in cells.
+    finest: f64,
+}
+
+impl Motion<'_> {
+    /// Whether the stretch from `half` seconds before `middle` to as much after touches anything; it is halved `levels` times
+    /// at the most.
+    ///
+    /// No point of the vehicle is farther from where it is in the middle than the motion of half a stretch: if the footprint, grown
+    /// by that, is free in the middle, all of the stretch is.
+    fn touches(&self, middle: f64, half: f64, levels: u32) -> bool {
+        let pose = self.start.compose(&self.twist.integrate(middle));
+        let (obstacles, growth) = (self.obstacles, f64::from(levels).exp2() * self.finest);
+        let resolution = obstacles.layout().resolution();
+        // Distance as the crow flies; the grown footprint, whose corners are square, reaches farther than points go.
+        let clearance = obstacles.clearance(self.footprint, &pose);
+        if clearance > growth * resolution {
+            return false;
+        }
+        if levels == 0 {
+            return obstacles.touches_closely(self.footprint, &pose, growth);
+        }
+        if growth <= LOOK_GROWN && !obstacles.touches_closely(self.footprint, &pose, growth) {
+            return false;
+        }
+        // Where the vehicle touches something as it is, no halving helps.
+        if clearance <= 0.0 && obstacles.touches_closely(self.footprint, &pose, 0.0) {
+            return true;
+        }
+        let quarter = 0.5 * half;
+        self.touches(middle - quarter, quarter, levels - 1) || self.touches(middle + quarter, quarter, levels - 1)
+    }
+}
+
+/// Growth, in cells, from which on a close look would be at more cells than it spares.
+const LOOK_GROWN: f64 = 4.0;

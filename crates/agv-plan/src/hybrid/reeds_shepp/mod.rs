@@ -14,7 +14,7 @@ use agv_core::{Error, check, geometry::Se2};
 /// Shortest curves of a vehicle that drives both ways, or cheapest ones where reversing has a price.
 ///
 /// With weights, the curve is the cheapest of all words of Reeds and Shepp and of Dubins' (driven either way); no word outside of
-/// them is looked at, though with weights one might be cheaper still. Allocates nothing; some 0.4 µs a curve.
+/// them is looked at, though with weights one might be cheaper still. Allocates nothing.
 ///
 /// ```
 /// use agv_core::geometry::Se2;
