@@ -202,3 +202,42 @@ static LANES: [[f32; 8]; 256] = {
     }
     table
 };
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use agv_core::compute::Seed;
+
+    /// Steps are drawn in proportion to their weights, or the best is taken.
+    #[test]
+    fn steps_are_chosen_by_weight_and_greed() {
+        const DRAWS: usize = 100_000;
+        let trail = [[1.0, 2.0, 3.0, 4.0, 9.0, 0.0, 0.0, 0.0]];
+        for (greed, expected) in
+            [(0.0, [0.1, 0.2, 0.3, 0.4]), (0.5, [0.05, 0.1, 0.15, 0.7]), (1.0, [0.0, 0.0, 0.0, 1.0])]
+        {
+            let rules = Rules {
+                masks: &[0xf],
+                strides: &[0; 8],
+                trail: &trail,
+                width: 1,
+                sight: &[],
+                greed,
+                dead_end: DeadEnd::Retreat,
+                start: 0,
+                goal: 1,
+            };
+            let mut stream = Seed(4).stream(0, 0);
+            let mut counts = [0.0; 8];
+            // The fifth, which weighs most, is closed.
+            (0..DRAWS).for_each(|_| counts[rules.choose::<false>(0, 8, 0b1111, &mut stream)] += 1.0);
+            assert!(counts[4..].iter().all(|&count| count == 0.0));
+            let chi_square: f64 = (0..4)
+                .filter(|&step| expected[step] > 0.0)
+                .map(|step| (counts[step] - expected[step] * DRAWS as f64).powi(2) / (expected[step] * DRAWS as f64))
+                .sum();
+            // 99.9 % of three degrees of freedom.
+            assert!(chi_square < 16.27, "{greed}: {counts:?}");
+        }
+    }
+}

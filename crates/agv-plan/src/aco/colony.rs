@@ -301,3 +301,6 @@ impl GridSolver for Colony {
 fn cost_of(steps: &[u8]) -> u32 {
     steps.iter().fold(0_u32, |cost, &step| cost.saturating_add(if step >= 4 { DIAGONAL } else { STRAIGHT }))
 }
+
+#[cfg(test)]
+mod tests;
