@@ -15,7 +15,7 @@
 //! yours, mapped from the same drive or from `--map-log`, or in a given `--map`.
 
 use agv_nav::{
-    control::track::{Course, FollowerParams, PurePursuit, PurePursuitParams},
+    control::track::{FollowerParams, PurePursuit, PurePursuitParams},
     core::{
         geometry::wrap_angle,
         grid::{
@@ -23,6 +23,7 @@ use agv_nav::{
             LikelihoodFieldParams, OccupancyThresholds,
         },
         metrics::Statistics,
+        path::Course,
     },
     filters::particle::{
         DifferentialOdometryModel, FreeSpace, LikelihoodFieldModel, LikelihoodFieldModelParams, Mcl, MclParams,

@@ -6,8 +6,11 @@ use crate::{
     site::{DT, Site},
 };
 use agv_nav::{
-    control::track::{Course, FollowerParams, PurePursuit, PurePursuitParams, Stanley, StanleyParams},
-    core::geometry::{UncertainPose, angle_difference},
+    control::track::{FollowerParams, PurePursuit, PurePursuitParams, Stanley, StanleyParams},
+    core::{
+        geometry::{UncertainPose, angle_difference},
+        path::Course,
+    },
     filters::marker::PoseSource,
     pipeline::{Centring, CentringParams, CentringStatus},
     prelude::*,

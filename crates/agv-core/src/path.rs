@@ -1,12 +1,16 @@
 //! Paths: the poses that a planner hands to a tracker.
 
+mod course;
 pub mod shapes;
+mod speed;
 
 use crate::{
     Error,
     geometry::{LieGroup, Se2},
 };
+pub use course::{Bend, Course, Leg, Projection};
 use nalgebra::Vector2;
+pub use speed::SpeedProfile;
 
 /// Which way a vehicle drives along a stretch of path.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]

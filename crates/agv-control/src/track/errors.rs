@@ -1,13 +1,13 @@
 //! The vehicle relative to its course, as the optimal trackers see it: by the filtered pose, not the measured one.
 
 use super::{
-    course::Course,
     follower::{in_gear, leading_end},
     observer::Observer,
     steering::SteeringInput,
 };
 use agv_core::{
     geometry::{LieGroup, Twist2},
+    path::Course,
     roles::TrackError,
 };
 

@@ -1,17 +1,14 @@
 //! What all trackers share: progress, speed, turns on the spot, limits and arrival.
 
 use super::{
-    course::{Course, Leg, Projection},
     response::Response,
-    small_angle,
-    speed::SpeedProfile,
     steering::{Steering, SteeringInput},
 };
 use agv_core::{
     Error, check,
-    geometry::{LieGroup, So2, Twist2},
+    geometry::{LieGroup, So2, Twist2, small_angle},
     kinematics::{Motion, MotionLimits, stopping_speed},
-    path::{Gear, Path},
+    path::{Course, Gear, Leg, Path, Projection, SpeedProfile},
     roles::{PathTracker, TrackCommand, TrackError, TrackStatus, VehicleState},
 };
 use std::f64::consts::PI;
@@ -288,7 +285,7 @@ pub(super) fn in_gear(twist: &Twist2, gear: Gear) -> Twist2 {
 
 impl<S: Steering> PathTracker for Follower<S> {
     fn set_path(&mut self, path: &Path) -> Result<(), TrackError> {
-        self.course.set(path)?;
+        self.course.set(path).map_err(|_| TrackError::NoPath)?;
         self.profile.make_room(&self.course);
         self.planned_for = None;
         self.steering.reset();

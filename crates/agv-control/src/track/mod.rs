@@ -14,7 +14,6 @@
 //! steer by [`SteeringInput::predicted`], the errors when the drives will have done what they were told. The optimal two have the lag
 //! in their model and a filter of their own for pose and slip: give them poses as they are measured, not led ahead.
 
-mod course;
 mod errors;
 mod follower;
 mod lateral;
@@ -25,12 +24,9 @@ mod pid;
 mod pure_pursuit;
 mod response;
 mod riccati;
-mod small_angle;
-mod speed;
 mod stanley;
 mod steering;
 
-pub use course::{Course, Leg, Projection};
 pub use follower::{Facing, Follower, FollowerParams};
 pub use lateral::TrackingWeights;
 pub use lqr::{Lqr, LqrParams, LqrSteering};
@@ -39,6 +35,5 @@ pub use observer::ObserverParams;
 pub use pid::{PidSteering, PidTracker, PidTrackerParams};
 pub use pure_pursuit::{PurePursuit, PurePursuitParams, PurePursuitSteering};
 pub use riccati::{Regulator, riccati};
-pub use speed::SpeedProfile;
 pub use stanley::{Stanley, StanleyParams, StanleySteering};
 pub use steering::{Prediction, Steering, SteeringInput};

@@ -17,10 +17,13 @@
 
 use super::{
     follower::{Follower, FollowerParams},
-    small_angle,
     steering::{Steering, SteeringInput},
 };
-use agv_core::{Error, check, geometry::Twist2, roles::TrackError};
+use agv_core::{
+    Error, check,
+    geometry::{Twist2, small_angle},
+    roles::TrackError,
+};
 
 /// Parameters of [`PurePursuit`].
 #[derive(Debug, Clone, Copy, PartialEq)]

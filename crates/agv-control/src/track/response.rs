@@ -12,8 +12,8 @@
 //! in errors `y' = v e`, `e' = ω - v κ`, the predicted ones, `y + v τ e` and `e + τ (ω - v κ)`, follow the command without delay,
 //! exactly.
 
-use super::{lateral::Sampled, small_angle};
-use agv_core::geometry::{LieGroup, So2, Twist2};
+use super::lateral::Sampled;
+use agv_core::geometry::{LieGroup, So2, Twist2, small_angle};
 use nalgebra::UnitComplex;
 
 /// What is known of the drives.

@@ -1,16 +1,10 @@
 //! How to move: the part in which trackers differ.
 
-use super::{
-    course::{Course, Projection},
-    follower::Facing,
-    lateral::LEAST_SPEED,
-    small_angle,
-    speed::SpeedProfile,
-};
+use super::{follower::Facing, lateral::LEAST_SPEED};
 use agv_core::{
-    geometry::{LieGroup, Se2, So2, Twist2, angle_difference},
+    geometry::{LieGroup, Se2, So2, Twist2, angle_difference, small_angle},
     kinematics::{MotionLimits, stopping_speed},
-    path::Gear,
+    path::{Course, Gear, Projection, SpeedProfile},
     roles::{TrackError, VehicleState},
 };
 

@@ -14,6 +14,7 @@ pub(crate) mod outline;
 mod se2;
 mod se3;
 mod series;
+pub mod small_angle;
 mod so2;
 mod so3;
 mod twist;

@@ -3,13 +3,12 @@
 mod bends;
 mod projection;
 
-use super::small_angle;
-use agv_core::{
-    geometry::{So2, angle_difference},
-    path::{Gear, Path},
-    roles::TrackError,
+use super::{Gear, Path, SAME_HEADING};
+use crate::{
+    Error,
+    geometry::{So2, angle_difference, small_angle},
 };
-pub(super) use bends::Bend;
+pub use bends::Bend;
 use bends::Knots;
 use nalgebra::Vector2;
 use projection::Clearance;
@@ -32,13 +31,22 @@ struct Section {
     leg: Leg,
 }
 
-/// Difference of headings, in radians, that is no turn but rounding.
-const SAME_HEADING: f64 = 1e-6;
-
 /// A path without repeated points, by arc length, cut at its cusps and turns on the spot.
 ///
 /// A last heading that is not that of the last line is a turn on the spot, too. The progress is searched forward from where it
 /// was, so that following a whole path costs one pass over it, and a path that crosses itself is followed in order.
+///
+/// ```
+/// use agv_core::nalgebra::Vector2;
+/// use agv_core::path::{Course, Path};
+///
+/// let mut course = Course::new(0.5);
+/// course.set(&Path::from_positions(&[Vector2::new(0.0, 0.0), Vector2::new(4.0, 0.0), Vector2::new(4.0, 3.0)])?)?;
+/// let place = course.advance(&Vector2::new(1.5, -0.2), 2.0).unwrap();
+/// assert_eq!((place.arc_length, place.cross_track), (1.5, -0.2));
+/// assert_eq!(course.point_at(5.0).unwrap().0, Vector2::new(4.0, 1.0));
+/// # Ok::<(), agv_core::Error>(())
+/// ```
 #[derive(Debug, Clone, PartialEq)]
 pub struct Course {
     vertices: Vec<Vector2<f64>>,
@@ -79,13 +87,13 @@ impl Course {
     /// Takes a path; repeated points are dropped. The memory is reused.
     ///
     /// # Errors
-    /// [`TrackError::NoPath`] if there are not two distinct poses; the old course is then kept.
-    pub fn set(&mut self, path: &Path) -> Result<(), TrackError> {
+    /// [`Error::TooFew`] if there are not two distinct poses; the old course is then kept.
+    pub fn set(&mut self, path: &Path) -> Result<(), Error> {
         let points = path.points();
         let position = |i: usize| points[i].pose.translation();
         // The indices run over the points but the first.
         if !(1..points.len()).any(|i| path.is_turn(i) || position(i) != position(i - 1)) {
-            return Err(TrackError::NoPath);
+            return Err(Error::TooFew { name: "distinct poses of the path", min: 2, len: points.len().min(1) });
         }
         self.clear();
         for (i, point) in points.iter().enumerate() {
@@ -242,7 +250,7 @@ impl Course {
 
     /// Angle of a heading relative to [`direction_at`](Self::direction_at), in radians; read between two knots, so cheaper.
     #[inline]
-    pub(super) fn angle_from(&self, arc_length: f64, heading: So2) -> Option<f64> {
+    pub fn angle_from(&self, arc_length: f64, heading: So2) -> Option<f64> {
         let direction = if let Some(direction) = self.knot_direction(arc_length) {
             direction
         } else {

@@ -10,9 +10,22 @@
 //! beginning is its own.
 
 use super::course::{Bend, Course};
-use agv_core::kinematics::MotionLimits;
+use crate::kinematics::MotionLimits;
 
 /// Greatest speed along a course.
+///
+/// ```
+/// use agv_core::kinematics::MotionLimits;
+/// use agv_core::nalgebra::Vector2;
+/// use agv_core::path::{Course, Path, SpeedProfile};
+///
+/// let mut course = Course::new(0.5);
+/// course.set(&Path::from_positions(&[Vector2::new(0.0, 0.0), Vector2::new(9.0, 0.0), Vector2::new(9.0, 9.0)])?)?;
+/// let mut profile = SpeedProfile::default();
+/// profile.update(&course, &MotionLimits::default());
+/// assert!(profile.speed_at(9.0) < profile.speed_at(4.0), "it slows down for the corner");
+/// # Ok::<(), agv_core::Error>(())
+/// ```
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct SpeedProfile {
     per_metre: f64,
@@ -35,13 +48,13 @@ impl SpeedProfile {
     }
 
     /// Forgets the speeds and makes room for those of another course.
-    pub(super) fn make_room(&mut self, course: &Course) {
+    pub fn make_room(&mut self, course: &Course) {
         self.squares.clear();
         self.squares.reserve(course.bends().len());
     }
 
-    /// Computes the speeds. O(length of the course).
-    pub(super) fn update(&mut self, course: &Course, limits: &MotionLimits) {
+    /// Computes the speeds; the limits are taken as valid. O(length of the course).
+    pub fn update(&mut self, course: &Course, limits: &MotionLimits) {
         self.per_metre = 1.0 / course.knot_spacing();
         let braking = 2.0 * limits.twist.deceleration * course.knot_spacing();
         let top = limits.twist.forward_speed.max(limits.twist.reverse_speed);
@@ -59,7 +72,7 @@ impl SpeedProfile {
 /// change its turn: by the yaw acceleration, `v² dκ/ds`, or by the steering rate, `v dκ/ds wheelbase / (1 + (wheelbase κ)²)`.
 ///
 /// A bend too tight for the steering is driven as slowly as the tightest there is.
-pub(super) fn bend_speed(bend: &Bend, limits: &MotionLimits) -> f64 {
+fn bend_speed(bend: &Bend, limits: &MotionLimits) -> f64 {
     let curvature = bend.curvature.abs().min(limits.max_curvature());
     let limit = |limit: f64, per: f64| if per > 0.0 { limit / per } else { f64::INFINITY };
     let entering = match &limits.steering {
@@ -75,7 +88,7 @@ pub(super) fn bend_speed(bend: &Bend, limits: &MotionLimits) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use agv_core::{
+    use crate::{
         kinematics::{SteeringLimits, TwistLimits},
         nalgebra::Vector2,
         path::Path,

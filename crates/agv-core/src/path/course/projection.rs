@@ -1,7 +1,7 @@
 //! Where on its course a vehicle is.
 
 use super::{Course, Leg, Section};
-use agv_core::geometry::So2;
+use crate::geometry::So2;
 use nalgebra::Vector2;
 use std::ops::Range;
 

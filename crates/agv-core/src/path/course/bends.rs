@@ -5,7 +5,7 @@
 //! look-up, however the points of the path are spread.
 
 use super::{Course, Section};
-use agv_core::geometry::{LieGroup, So2};
+use crate::geometry::{LieGroup, So2};
 use nalgebra::Vector2;
 
 /// Knots in a window.
@@ -14,13 +14,13 @@ const PER_WINDOW: usize = 8;
 /// Most knots of a course: one of 60 km has them closer than a metre.
 const MAX_KNOTS: f64 = (1 << 20) as f64;
 
-/// How a path bends.
+/// How a course bends at a place.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub(in crate::track) struct Bend {
+pub struct Bend {
     /// Turn per metre, in 1/m, positive to the left.
-    pub(in crate::track) curvature: f64,
+    pub curvature: f64,
     /// Change of the turn per metre, per metre, in 1/m², unsigned.
-    pub(in crate::track) change: f64,
+    pub change: f64,
 }
 
 /// Bends at evenly spaced arc lengths.
@@ -77,12 +77,12 @@ impl Course {
     }
 
     /// Distance between two knots, in metres.
-    pub(in crate::track) const fn knot_spacing(&self) -> f64 {
+    pub const fn knot_spacing(&self) -> f64 {
         self.knots.spacing
     }
 
     /// The bends at the knots, from the beginning of the course to its end.
-    pub(in crate::track) fn bends(&self) -> &[Bend] {
+    pub fn bends(&self) -> &[Bend] {
         &self.knots.bends
     }
 

@@ -6,7 +6,7 @@ const SMALL: f64 = 0.1;
 
 /// Angle of the direction `(x, y)`, in radians.
 #[inline]
-pub(super) fn angle(x: f64, y: f64) -> f64 {
+pub fn angle(x: f64, y: f64) -> f64 {
     if y.abs() < SMALL * x {
         let tan = y / x;
         let square = tan * tan;
@@ -20,7 +20,7 @@ pub(super) fn angle(x: f64, y: f64) -> f64 {
 
 /// Sine and cosine of an angle in radians.
 #[inline]
-pub(super) fn sin_cos(angle: f64) -> (f64, f64) {
+pub fn sin_cos(angle: f64) -> (f64, f64) {
     if angle.abs() < SMALL {
         // Written without divisions, which would wait for each other.
         let square = angle * angle;

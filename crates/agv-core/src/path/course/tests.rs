@@ -1,6 +1,6 @@
 use super::*;
-use agv_core::nalgebra::Vector2;
-use agv_core::{geometry::Se2, path::PathPoint};
+use crate::{geometry::Se2, path::PathPoint};
+use nalgebra::Vector2;
 use proptest::prelude::*;
 
 const WINDOW: f64 = 0.5;
@@ -52,7 +52,10 @@ fn cusps_cut_the_course() {
 fn a_refused_path_leaves_the_course() {
     let mut c = course(&[(0.0, 0.0), (1.0, 0.0)]);
     let before = c.clone();
-    assert_eq!(c.set(&Path::from_positions(&[Vector2::x(); 4]).unwrap()), Err(TrackError::NoPath));
+    assert_eq!(
+        c.set(&Path::from_positions(&[Vector2::x(); 4]).unwrap()),
+        Err(Error::TooFew { name: "distinct poses of the path", min: 2, len: 1 })
+    );
     assert_eq!(c, before);
 }
 
@@ -87,7 +90,7 @@ fn turns_on_the_spot_cut_the_course_and_the_last_heading_is_one() {
     assert!((there.arc_length - 2.0).abs() < 1e-12 && (there.cross_track.abs() - 0.1).abs() < 1e-12);
 
     let mut only = Path::from_positions(&[Vector2::x()]).unwrap();
-    assert_eq!(course.set(&only), Err(TrackError::NoPath));
+    assert_eq!(course.set(&only), Err(Error::TooFew { name: "distinct poses of the path", min: 2, len: 1 }));
     only.push_turn(2.0).unwrap();
     course.set(&only).unwrap();
     assert_eq!((course.leg(), course.length(), course.is_last_section()), (Leg::Turn(2.0), 0.0, true));
