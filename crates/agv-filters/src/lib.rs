@@ -27,3 +27,4 @@ pub mod kalman;
 pub mod landmark;
 pub mod marker;
 pub mod particle;
+mod trig;

@@ -20,6 +20,7 @@ mod kld;
 mod mcl;
 mod moments;
 mod motion;
+mod normal;
 mod per_sensor;
 mod proposal;
 mod recovery;
@@ -32,7 +33,6 @@ mod set;
 mod simd;
 mod swarm;
 mod temper;
-mod trig;
 mod update_policy;
 mod weights;
 
