@@ -77,11 +77,17 @@ pub(in crate::particle) struct WeightSums {
 impl WeightSums {
     /// Those of a chunk, of old log-weights and log-likelihoods.
     pub(in crate::particle) fn of(old: &[f64], new: &[f64], arch: Arch) -> Self {
+        Self::with_weights(old, new, &mut [0.0; CHUNK], arch)
+    }
+
+    /// The same, and what the weights would be in the unit of the chunk, which has at most [`CHUNK`] particles.
+    pub(super) fn with_weights(old: &[f64], new: &[f64], weights: &mut [f64; CHUNK], arch: Arch) -> Self {
         let peak = arch.dispatch(Peak(old, new));
         if !peak.is_finite() {
+            weights.fill(0.0);
             return Self { peak, sum: 0.0, squares: 0.0, logs: 0.0 };
         }
-        let [sum, squares, logs] = arch.dispatch(Sums { old, new, peak });
+        let [sum, squares, logs] = arch.dispatch(Sums { old, new, weights, peak });
         Self { peak, sum, squares, logs }
     }
 
@@ -92,18 +98,34 @@ impl WeightSums {
         Self { peak, sum: a.sum + b.sum, squares: a.squares + b.squares, logs: a.logs + b.logs }
     }
 
+    /// Logarithm of the unit.
+    pub(super) const fn peak(&self) -> f64 {
+        self.peak
+    }
+
     /// `(Σ w)² / Σ w²`; zero if no weight is possible.
     pub(in crate::particle) fn effective_sample_size(&self) -> f64 {
         if self.peak.is_finite() { self.sum * self.sum / self.squares } else { 0.0 }
     }
 
-    /// The same in another unit, not below its own; of impossible ones nothing is left.
-    fn by(self, peak: f64) -> Self {
+    /// What weights in this unit are to be multiplied by in another one, not below it; of impossible ones nothing is left.
+    pub(super) fn factor(&self, peak: f64) -> f64 {
         let below = self.peak - peak;
+        if below == 0.0 {
+            1.0
+        } else if below.is_finite() {
+            below.exp()
+        } else {
+            0.0
+        }
+    }
+
+    /// The same in another unit, not below its own.
+    fn by(self, peak: f64) -> Self {
+        let (below, factor) = (self.peak - peak, self.factor(peak));
         if below == 0.0 {
             return self;
         }
-        let factor = if below.is_finite() { below.exp() } else { 0.0 };
         let logs = if factor > 0.0 { factor * (self.logs + below * self.sum) } else { 0.0 };
         Self { peak, sum: factor * self.sum, squares: factor * factor * self.squares, logs }
     }
@@ -166,6 +188,8 @@ impl WithSimd for Weigh<'_> {
 struct Sums<'a> {
     old: &'a [f64],
     new: &'a [f64],
+    /// Where the weights are written.
+    weights: &'a mut [f64; CHUNK],
     peak: f64,
 }
 
@@ -176,21 +200,24 @@ impl WithSimd for Sums<'_> {
     fn with_simd<S: Simd>(self, _: S) -> [f64; 3] {
         let (mut sum, mut squares, mut logs) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         let ((old, old_rest), (new, new_rest)) = (self.old.as_chunks::<LANES>(), self.new.as_chunks::<LANES>());
-        let mut add = |lane: usize, old: f64, new: f64| {
+        let (weights, weights_rest) = self.weights.split_at_mut(old.len() * LANES);
+        let (weights, _) = weights.as_chunks_mut::<LANES>();
+        let mut add = |lane: usize, old: f64, new: f64, weight: &mut f64| {
             let log_w = old + new - self.peak;
             let w = exp(log_w);
+            *weight = w;
             sum[lane] += w;
             squares[lane] += w * w;
             // Nothing times -∞ is nothing.
             logs[lane] += if w > 0.0 { w * log_w } else { 0.0 };
         };
-        for (old, new) in old.iter().zip(new) {
+        for ((old, new), weights) in old.iter().zip(new).zip(weights) {
             for lane in 0..LANES {
-                add(lane, old[lane], new[lane]);
+                add(lane, old[lane], new[lane], &mut weights[lane]);
             }
         }
-        for (lane, (&old, &new)) in old_rest.iter().zip(new_rest).enumerate() {
-            add(lane, old, new);
+        for (lane, ((&old, &new), weight)) in old_rest.iter().zip(new_rest).zip(weights_rest).enumerate() {
+            add(lane, old, new, weight);
         }
         [sum, squares, logs].map(|[a, b, c, d, e, f, g, h]| ((a + b) + (c + d)) + ((e + f) + (g + h)))
     }
