@@ -87,6 +87,7 @@ impl WeightSums {
             weights.fill(0.0);
             return Self { peak, sum: 0.0, squares: 0.0, logs: 0.0 };
         }
+        let weights = &mut weights[..old.len().min(new.len())];
         let [sum, squares, logs] = arch.dispatch(Sums { old, new, weights, peak });
         Self { peak, sum, squares, logs }
     }
@@ -189,8 +190,15 @@ struct Sums<'a> {
     old: &'a [f64],
     new: &'a [f64],
     /// Where the weights are written.
-    weights: &'a mut [f64; CHUNK],
+    weights: &'a mut [f64],
     peak: f64,
+}
+
+/// A weight of this logarithm, and `w ln w`: nothing times -∞ is nothing.
+#[inline(always)]
+fn with_logarithm(log: f64) -> (f64, f64) {
+    let w = exp(log);
+    (w, if w > 0.0 { w * log } else { 0.0 })
 }
 
 impl WithSimd for Sums<'_> {
@@ -200,24 +208,23 @@ impl WithSimd for Sums<'_> {
     fn with_simd<S: Simd>(self, _: S) -> [f64; 3] {
         let (mut sum, mut squares, mut logs) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         let ((old, old_rest), (new, new_rest)) = (self.old.as_chunks::<LANES>(), self.new.as_chunks::<LANES>());
-        let (weights, weights_rest) = self.weights.split_at_mut(old.len() * LANES);
-        let (weights, _) = weights.as_chunks_mut::<LANES>();
-        let mut add = |lane: usize, old: f64, new: f64, weight: &mut f64| {
-            let log_w = old + new - self.peak;
-            let w = exp(log_w);
-            *weight = w;
-            sum[lane] += w;
-            squares[lane] += w * w;
-            // Nothing times -∞ is nothing.
-            logs[lane] += if w > 0.0 { w * log_w } else { 0.0 };
-        };
+        let (weights, weights_rest) = self.weights.as_chunks_mut::<LANES>();
         for ((old, new), weights) in old.iter().zip(new).zip(weights) {
+            let (mut ws, mut ls) = ([0.0; LANES], [0.0; LANES]);
             for lane in 0..LANES {
-                add(lane, old[lane], new[lane], &mut weights[lane]);
+                (ws[lane], ls[lane]) = with_logarithm(old[lane] + new[lane] - self.peak);
             }
+            for lane in 0..LANES {
+                sum[lane] += ws[lane];
+                squares[lane] += ws[lane] * ws[lane];
+                logs[lane] += ls[lane];
+            }
+            *weights = ws;
         }
         for (lane, ((&old, &new), weight)) in old_rest.iter().zip(new_rest).zip(weights_rest).enumerate() {
-            add(lane, old, new, weight);
+            let (w, log) = with_logarithm(old + new - self.peak);
+            (*weight, sum[lane]) = (w, sum[lane] + w);
+            (squares[lane], logs[lane]) = (squares[lane] + w * w, logs[lane] + log);
         }
         [sum, squares, logs].map(|[a, b, c, d, e, f, g, h]| ((a + b) + (c + d)) + ((e + f) + (g + h)))
     }
