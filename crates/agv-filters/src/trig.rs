@@ -4,6 +4,8 @@
 //! were taken off. A third to a half of the time of the library's functions, the same bits on every system, and what is without
 //! branches vectorises.
 
+use agv_core::geometry::So2;
+use nalgebra::UnitComplex;
 use std::f64::consts::FRAC_2_PI;
 
 /// Greatest angle of [`series`], in radians.
@@ -24,6 +26,13 @@ const ROUNDER: f64 = 6_755_399_441_055_744.0;
 pub(crate) fn sin_cos(angle: f64) -> (f64, f64) {
     // Written so that NaN takes the library's way.
     if angle.abs() <= MOST { reduced(angle) } else { angle.sin_cos() }
+}
+
+/// The rotation by an angle in radians.
+#[inline]
+pub(crate) fn rotation(angle: f64) -> So2 {
+    let (sin, cos) = sin_cos(angle);
+    UnitComplex::from_cos_sin_unchecked(cos, sin).into()
 }
 
 #[inline]
