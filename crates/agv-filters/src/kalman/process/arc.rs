@@ -10,7 +10,6 @@
 //! which is Eq. 1 of paper 001 (*Probabilistic Robotics*, Eq. 5.9) without its division by ω, and the straight line where
 //! ω vanishes.
 
-use crate::trig::sin_cos;
 use agv_core::geometry::Twist2;
 use nalgebra::Vector2;
 
@@ -29,7 +28,7 @@ impl Arc {
     #[inline]
     pub(super) fn new(yaw: f64, twist: &Twist2, dt: f64) -> Self {
         let half = 0.5 * twist.yaw_rate * dt;
-        let (sin, cos) = sin_cos(yaw + half);
+        let (sin, cos) = (yaw + half).sin_cos();
         let (sinc, slope) = sinc_and_slope(half);
         let along = Vector2::new(twist.vx * cos - twist.vy * sin, twist.vx * sin + twist.vy * cos) * dt;
         let moved = along * sinc;
@@ -66,7 +65,7 @@ fn sinc_and_slope(h: f64) -> (f64, f64) {
         let slope = [-1.0 / 3_991_680.0, 1.0 / 45_360.0, -1.0 / 840.0, 1.0 / 30.0, -1.0 / 3.0];
         return (horner(sinc, s), h * horner(slope, s));
     }
-    let (sin, cos) = sin_cos(h);
+    let (sin, cos) = h.sin_cos();
     let sinc = sin / h;
     (sinc, (cos - sinc) / h)
 }
