@@ -27,4 +27,3 @@ pub mod kalman;
 pub mod landmark;
 pub mod marker;
 pub mod particle;
-mod trig;

@@ -1,6 +1,5 @@
 //! Where the vehicle can stand: what global initialisation draws from.
 
-use crate::trig::rotation;
 use agv_core::{
     Error, check,
     geometry::Se2,
@@ -136,7 +135,7 @@ impl FreeSpace {
         let Cell { x, y } = self.layout.cell(self.cells[cell] as usize);
         let within = Vector2::new(f64::from(x) + stream.random::<f64>(), f64::from(y) + stream.random::<f64>());
         let point = self.layout.to_map(&within);
-        Se2::from_parts(point, rotation(PI * (2.0 * turn - 1.0)))
+        Se2::new(point.x, point.y, PI * (2.0 * turn - 1.0))
     }
 }
 

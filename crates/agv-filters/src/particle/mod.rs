@@ -33,6 +33,7 @@ mod set;
 mod simd;
 mod swarm;
 mod temper;
+mod trig;
 mod update_policy;
 mod weights;
 

@@ -27,8 +27,7 @@
 //! Driving backwards is a straight run with a negative sign and no turn by π: of the two ways to take a motion apart,
 //! [`RotTransRot`] takes the one that turns less.
 
-use super::{MotionModel, check_factors, sampler::Sampler, stored_as};
-use crate::trig::{SERIES_LIMIT, series, sin_cos};
+use super::{super::trig::sin_cos, MotionModel, check_factors, sampler::Sampler, stored_as};
 use agv_core::{
     Error,
     compute::Stream,
@@ -181,7 +180,7 @@ impl MotionModel for DifferentialOdometryModel {
 /// A rotation by a noise.
 #[inline]
 pub(super) fn small_turn(angle: f64) -> So2 {
-    let (sin, cos) = if angle.abs() <= SERIES_LIMIT { series(angle) } else { sin_cos(angle) };
+    let (sin, cos) = sin_cos(angle);
     UnitComplex::from_cos_sin_unchecked(cos, sin).into()
 }
 

@@ -7,10 +7,12 @@
 #![expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set found at run time")]
 
 use super::{
-    super::normal,
+    super::{
+        normal,
+        trig::{SERIES_LIMIT, series},
+    },
     differential::{NoisyParts, small_turn},
 };
-use crate::trig::{SERIES_LIMIT, series};
 use agv_core::{
     compute::Stream,
     geometry::{LieGroup, Se2, So2},
