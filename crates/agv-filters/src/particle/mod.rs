@@ -12,6 +12,7 @@
 mod amcl;
 mod chi_square;
 mod cluster;
+mod draw;
 mod exp;
 mod free_space;
 mod gaussian;
