@@ -59,3 +59,29 @@ impl ParticleSet<Se2> {
         )
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use agv_core::geometry::LieGroup;
+
+    /// Chunks whose peaks differ by far, one of them impossible: what is summed up on the way is what the weighed set says.
+    #[test]
+    fn sums_on_the_way_are_those_of_the_weighed_set() {
+        let poses = (0..1000).map(|i| Se2::new(0.01 * f64::from(i % 31), 5.0, 0.001 * f64::from(i % 17))).collect();
+        let mut set = ParticleSet::new(poses).unwrap();
+        let (mut logs, shift) = (vec![0.0; 1000], Se2::new(0.3, -0.1, 0.2));
+        let sums = set.propose_weighed(&mut logs, Par::threads(3), Arch::new(), |chunk, poses, moved, logs| {
+            for (i, ((moved, pose), log)) in moved.iter_mut().zip(poses).zip(logs).enumerate() {
+                *moved = *pose * shift;
+                *log = if chunk == 2 { f64::NEG_INFINITY } else { -4.0 * chunk as f64 - (i % 13) as f64 };
+            }
+        });
+        let sums = sums.unwrap();
+        set.take_in(&logs, &sums.weights, Par::Seq, Arch::new()).unwrap();
+        set.adopt();
+        let (on_the_way, after) = (sums.estimate().unwrap(), set.estimate(Par::Seq).unwrap());
+        assert!(on_the_way.mean().minus(after.mean()).norm() < 1e-12);
+        assert!((on_the_way.covariance() - after.covariance()).amax() < 1e-12);
+    }
+}

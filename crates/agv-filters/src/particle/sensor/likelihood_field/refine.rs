@@ -232,6 +232,18 @@ mod tests {
     }
 
     #[test]
+    fn every_instruction_set_gives_the_same_bits() {
+        let mut model = model(true);
+        let truth = Se2::new(1.033, 0.521, 0.7);
+        let (scan, guess) = (scan(&truth, true), guess(truth.plus(&Vector3::new(0.08, -0.06, 0.05)), 0.3));
+        let found = model.refine(&scan, &guess);
+        for arch in crate::particle::simd::archs() {
+            model.arch = arch;
+            assert_eq!(model.refine(&scan, &guess), found, "{arch:?}");
+        }
+    }
+
+    #[test]
     fn where_the_scan_says_nothing_the_guess_stays() {
         let mut model = model(false);
         let truth = Se2::new(0.0, 0.3, 0.0);
