@@ -37,7 +37,7 @@ pub struct FreeSpace {
     layout: GridLayout,
     /// In metres.
     radius: f64,
-    /// Indices of the cells, tile by tile ([`tiles`]); not empty.
+    /// Indices of the cells, in increasing order; not empty.
     cells: Arc<[u32]>,
 }
 
@@ -55,7 +55,7 @@ impl FreeSpace {
         let distance = DistanceTransform::default().compute(map)?;
         let has_room =
             |index: usize| map.values()[index] == CellState::Free && f64::from(distance.values()[index]) > radius;
-        let cells: Arc<[u32]> = tiles(map.layout()).filter(|&i| has_room(i)).map(|i| i as u32).collect();
+        let cells: Arc<[u32]> = (0..map.layout().len()).filter(|&i| has_room(i)).map(|i| i as u32).collect();
         if cells.is_empty() {
             return Err(Error::Empty { name: "free space" });
         }
@@ -139,44 +139,9 @@ impl FreeSpace {
     }
 }
 
-/// Side of a tile, in cells: a power of two.
-const TILE: usize = 64;
-
-/// The indices of all cells, so that those that follow each other lie near each other: tile by tile, and within a tile along Morton's
-/// curve (1966, *A computer oriented geodetic data base*). Poses that are numbered close to each other then see the same part of
-/// a map, which is one that caches hold; and the parts that [`FreeSpace::sample_stratum`] cuts the space into are compact.
-fn tiles(layout: &GridLayout) -> impl Iterator<Item = usize> {
-    let (width, height) = (layout.width(), layout.height());
-    let corners = (0..height).step_by(TILE).flat_map(move |y| (0..width).step_by(TILE).map(move |x| (x, y)));
-    corners
-        .flat_map(|(x, y)| (0..TILE * TILE).map(move |i| (x + every_other_bit(i), y + every_other_bit(i >> 1))))
-        .filter(move |&(x, y)| x < width && y < height)
-        .map(move |(x, y)| y * width + x)
-}
-
-/// The number that every other bit makes, from the lowest on, of a number of twelve bits.
-const fn every_other_bit(bits: usize) -> usize {
-    let pairs = (bits & 0x111) | (bits & 0x444) >> 1;
-    (pairs & 0x3) | (pairs & 0x30) >> 2 | (pairs & 0x300) >> 4
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn tiles_hold_each_cell_once_and_neighbours_follow_each_other() {
-        let layout = GridLayout::new(150, 70, 0.1, Se2::default()).unwrap();
-        let order: Vec<usize> = tiles(&layout).collect();
-        let mut sorted = order.clone();
-        sorted.sort_unstable();
-        assert!(sorted.into_iter().eq(0..150 * 70));
-        assert_eq!(order[..6], [0, 1, 150, 151, 2, 3]);
-        for run in order[..TILE * TILE].chunks(TILE) {
-            let (x, y) = (run[0] % 150, run[0] / 150);
-            assert!(run.iter().all(|i| (i % 150).abs_diff(x) < 8 && (i / 150).abs_diff(y) < 8));
-        }
-    }
     use agv_core::compute::Seed;
 
     /// A small room of 2 x 2 cells beside a large one of 5 x 4, with a wall between.
