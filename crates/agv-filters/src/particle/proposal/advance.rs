@@ -2,14 +2,14 @@
 //!
 //! As long as a vehicle is tracked, and the estimate explains the scan, there is time: each update tries part of the candidates,
 //! spread over all free space, and refines the best ones by a round. What was found so far moves along with the odometry and
-//! competes with what is new, all of them weighed by the scan of the day. So an update that searches costs about twice what one does that does not search.
+//! competes with what is new, all of them weighed by the scan of the day. So an update that searches costs about half as much again as one that does not.
 
 use super::{LikelihoodSearch, Place, ProposalContext, search::Found};
 use crate::particle::WeighParticles;
 use agv_core::geometry::{LieGroup, Se2};
 
 impl LikelihoodSearch {
-    /// Poses that an update may spend: as many as its particles do, in proportion, if the belief is narrow and the estimate explains the
+    /// Poses that an update may spend: in proportion to its particles, if the belief is narrow and the estimate explains the
     /// observation; none if not, and the search is to be done at once.
     pub(super) fn budget<Z: ?Sized, S: WeighParticles<Z> + ?Sized>(
         &self,
