@@ -162,7 +162,7 @@ fn cancelled_at<S: GridSolver>(last: u32, map: &Costmap, mut planner: GridPlanne
             asked += 1;
             asked == last
         };
-        let outcome = planner.plan_with_cancel(map, (&start, &beyond), &mut path, &mut cancel).unwrap();
+        let outcome = planner.plan_with_cancel(map, &start, &beyond, &mut path, &mut cancel).unwrap();
         if asked == last {
             assert_eq!(reason(&Ok(outcome)), Some(NoPathReason::Cancelled), "{last}");
         } else {
@@ -321,7 +321,7 @@ fn a_callback_cancels() {
         asked += 1;
         asked == 5
     };
-    let outcome = planner.plan_with_cancel(&costmap, (&start, &goal), &mut path, &mut cancel).unwrap();
+    let outcome = planner.plan_with_cancel(&costmap, &start, &goal, &mut path, &mut cancel).unwrap();
     assert_eq!(
         outcome,
         PlanOutcome::NoPath { reason: NoPathReason::Cancelled, expansions: 5 * Limits::CANCEL_INTERVAL }

@@ -206,8 +206,8 @@ fn why_there_is_no_path_is_said() {
     assert_eq!(reason(outcome), Some((NoPathReason::Budget, 10)));
     assert!(!path.is_empty() && fault(&gap, &path, 1.0, 0.0, 0.05).is_none());
     let mut path = Path::new();
-    let poses = (&at(&gap, 1.5, 1.5, PI / 2.0), &at(&gap, 8.5, 1.5, PI / 2.0));
-    let outcome = planner.plan_with_cancel(&Costmap::from_map(&gap), poses, &mut path, &mut || true).unwrap();
+    let (costmap, from, to) = (Costmap::from_map(&gap), at(&gap, 1.5, 1.5, PI / 2.0), at(&gap, 8.5, 1.5, PI / 2.0));
+    let outcome = planner.plan_with_cancel(&costmap, &from, &to, &mut path, &mut || true).unwrap();
     assert_eq!(reason(outcome), Some((NoPathReason::Cancelled, 0)));
     // Later: not long after it says so.
     let mut asked = 0;
@@ -215,7 +215,7 @@ fn why_there_is_no_path_is_said() {
         asked += 1;
         asked == 3
     };
-    let outcome = planner.plan_with_cancel(&Costmap::from_map(&gap), poses, &mut path, &mut third_time).unwrap();
+    let outcome = planner.plan_with_cancel(&costmap, &from, &to, &mut path, &mut third_time).unwrap();
     assert_eq!(reason(outcome), Some((NoPathReason::Cancelled, 32)));
 }
 

@@ -83,12 +83,13 @@ fn planners_keep_the_laws() {
 struct WithMargin(Anya);
 
 impl GlobalPlanner for WithMargin {
-    fn plan_into(
+    fn plan_with_cancel(
         &mut self,
         costmap: &Costmap,
         start: &Se2,
         goal: &Se2,
         path: &mut Path,
+        cancelled: &mut dyn FnMut() -> bool,
     ) -> Result<PlanOutcome, PlanError> {
         let layout = *costmap.layout();
         let mut map = Grid::filled(layout, cost::FREE);
@@ -97,7 +98,7 @@ impl GlobalPlanner for WithMargin {
                 map.set(Cell::new(cell.x + dx, cell.y + dy), cost::LETHAL);
             }
         }
-        self.0.plan_into(&Costmap::from_costs(map), start, goal, path)
+        self.0.plan_with_cancel(&Costmap::from_costs(map), start, goal, path, cancelled)
     }
 }
 

@@ -125,64 +125,6 @@ impl<S: GridSolver> GridPlanner<S> {
         &mut self.solver
     }
 
-    /// As [`plan_into`](GlobalPlanner::plan_into), but asks `cancel` every [`Limits::CANCEL_INTERVAL`] expansions whether
-    /// to stop.
-    ///
-    /// # Errors
-    /// As [`plan_into`](GlobalPlanner::plan_into).
-    pub fn plan_with_cancel(
-        &mut self,
-        costmap: &Costmap,
-        (start, goal): (&Se2, &Se2),
-        path: &mut Path,
-        cancel: &mut dyn FnMut() -> bool,
-    ) -> Result<PlanOutcome, PlanError> {
-        self.plan(costmap, (start, goal), path, Some(cancel))
-    }
-
-    fn plan(
-        &mut self,
-        costmap: &Costmap,
-        poses: (&Se2, &Se2),
-        path: &mut Path,
-        cancel: Option<&mut dyn FnMut() -> bool>,
-    ) -> Result<PlanOutcome, PlanError> {
-        path.clear();
-        let layout = *costmap.layout();
-        self.space.update(costmap);
-        let tolerances = Tolerances { start: self.params.start_tolerance, goal: self.params.goal_tolerance };
-        let ends = match endpoints(&self.space, &layout, poses, tolerances)? {
-            Ok(ends) => ends,
-            Err(reason) => return Ok(PlanOutcome::NoPath { reason, expansions: 0 }),
-        };
-        let disconnected = |expansions| Ok(PlanOutcome::NoPath { reason: NoPathReason::Disconnected, expansions });
-        let Some(mut goal) = self.joined_goal(ends, poses.1) else { return disconnected(0) };
-        let mut limits = Limits { budget: self.params.max_expansions, cancel };
-        let mut result = self.solver.search(&self.space, ends.start, goal, &mut limits);
-        let mut expansions = result.expansions;
-        if result.end == SearchEnd::Exhausted {
-            self.label();
-            let instead = self.joined_goal(ends, poses.1).filter(|&node| node != goal);
-            let Some(node) = instead else { return disconnected(expansions) };
-            goal = node;
-            limits.budget = limits.budget.saturating_sub(expansions);
-            result = self.solver.search(&self.space, ends.start, goal, &mut limits);
-            expansions += result.expansions;
-        }
-        let (last, reason) = match result.end {
-            SearchEnd::Goal { node, .. } => (node, None),
-            SearchEnd::Exhausted => return disconnected(expansions),
-            SearchEnd::Budget => (self.most_promising(goal, &result), Some(NoPathReason::Budget)),
-            SearchEnd::Cancelled => (self.most_promising(goal, &result), Some(NoPathReason::Cancelled)),
-        };
-        self.solver.way_into(&self.space, last, &mut self.way);
-        write_path(&self.space, &layout, &self.way, poses, path)?;
-        Ok(match reason {
-            None => PlanOutcome::Found { cost: self.space.path_cost(&self.way) * layout.resolution(), expansions },
-            Some(reason) => PlanOutcome::NoPath { reason, expansions },
-        })
-    }
-
     /// Labels the parts of the map that nothing joins, unless they are known.
     fn label(&mut self) {
         if self.labelled.as_ref() != Some(self.space.revision()) {
@@ -220,13 +162,48 @@ impl<S: GridSolver> GridPlanner<S> {
 }
 
 impl<S: GridSolver> GlobalPlanner for GridPlanner<S> {
-    fn plan_into(
+    /// Asks every [`Limits::CANCEL_INTERVAL`] expansions.
+    fn plan_with_cancel(
         &mut self,
         costmap: &Costmap,
         start: &Se2,
         goal: &Se2,
         path: &mut Path,
+        cancelled: &mut dyn FnMut() -> bool,
     ) -> Result<PlanOutcome, PlanError> {
-        self.plan(costmap, (start, goal), path, None)
+        path.clear();
+        let layout = *costmap.layout();
+        self.space.update(costmap);
+        let tolerances = Tolerances { start: self.params.start_tolerance, goal: self.params.goal_tolerance };
+        let ends = match endpoints(&self.space, &layout, (start, goal), tolerances)? {
+            Ok(ends) => ends,
+            Err(reason) => return Ok(PlanOutcome::NoPath { reason, expansions: 0 }),
+        };
+        let disconnected = |expansions| Ok(PlanOutcome::NoPath { reason: NoPathReason::Disconnected, expansions });
+        let Some(mut end) = self.joined_goal(ends, goal) else { return disconnected(0) };
+        let mut limits = Limits { budget: self.params.max_expansions, cancel: Some(cancelled) };
+        let mut result = self.solver.search(&self.space, ends.start, end, &mut limits);
+        let mut expansions = result.expansions;
+        if result.end == SearchEnd::Exhausted {
+            self.label();
+            let instead = self.joined_goal(ends, goal).filter(|&node| node != end);
+            let Some(node) = instead else { return disconnected(expansions) };
+            end = node;
+            limits.budget = limits.budget.saturating_sub(expansions);
+            result = self.solver.search(&self.space, ends.start, end, &mut limits);
+            expansions += result.expansions;
+        }
+        let (last, reason) = match result.end {
+            SearchEnd::Goal { node, .. } => (node, None),
+            SearchEnd::Exhausted => return disconnected(expansions),
+            SearchEnd::Budget => (self.most_promising(end, &result), Some(NoPathReason::Budget)),
+            SearchEnd::Cancelled => (self.most_promising(end, &result), Some(NoPathReason::Cancelled)),
+        };
+        self.solver.way_into(&self.space, last, &mut self.way);
+        write_path(&self.space, &layout, &self.way, (start, goal), path)?;
+        Ok(match reason {
+            None => PlanOutcome::Found { cost: self.space.path_cost(&self.way) * layout.resolution(), expansions },
+            Some(reason) => PlanOutcome::NoPath { reason, expansions },
+        })
     }
 }

@@ -133,93 +133,6 @@ impl HybridAStar {
         &self.params
     }
 
-    /// As [`plan_into`](GlobalPlanner::plan_into), but asks `cancel` at first and every 16 expansions, about a millisecond,
-    /// whether to stop. A path that was found before is not shortened then, but is a path.
-    ///
-    /// # Errors
-    /// As [`plan_into`](GlobalPlanner::plan_into), a map with more cells and headings than 2^32, and one whose cells a step
-    /// does not leave.
-    pub fn plan_with_cancel(
-        &mut self,
-        costmap: &Costmap,
-        (start, goal): (&Se2, &Se2),
-        path: &mut Path,
-        cancel: &mut dyn FnMut() -> bool,
-    ) -> Result<PlanOutcome, PlanError> {
-        self.plan(costmap, (start, goal), path, Some(cancel))
-    }
-
-    fn plan(
-        &mut self,
-        costmap: &Costmap,
-        (start, goal): (&Se2, &Se2),
-        path: &mut Path,
-        cancel: Option<&mut dyn FnMut() -> bool>,
-    ) -> Result<PlanOutcome, PlanError> {
-        path.clear();
-        for (name, pose) in [("start", start), ("goal", goal)] {
-            check::all_finite(name, &[pose.x(), pose.y(), pose.yaw()])?;
-        }
-        let layout = costmap.layout();
-        let outside = |pose: &Se2| layout.cell_at(&pose.translation()).is_none();
-        if outside(start) {
-            return Err(PlanError::StartOutside { x: start.x(), y: start.y() });
-        }
-        if outside(goal) {
-            return Err(PlanError::GoalOutside { x: goal.x(), y: goal.y() });
-        }
-        let no_path = |reason, expansions| Ok(PlanOutcome::NoPath { reason, expansions });
-        if self.site.update(costmap).map_err(|error| into_core(&error))? {
-            // At once: the site tells of a change no second time, and this query may end before it needs the potential.
-            self.potential.forget();
-        }
-        if !self.site.is_free(start) {
-            return no_path(NoPathReason::StartBlocked, 0);
-        }
-        let Some(goal) = self.free_near(goal) else { return no_path(NoPathReason::GoalBlocked, 0) };
-        self.site.set_ends([*start, goal]);
-        let lattice = Lattice::new(&self.params, &self.motions, &self.site, *start)?;
-        let cells = lattice.cell(&start.translation()).zip(lattice.cell(&goal.translation()));
-        let Some((start_cell, goal_cell)) = cells.filter(|&(a, b)| self.site.are_joined(a, b)) else {
-            return no_path(NoPathReason::Disconnected, 0);
-        };
-        self.potential.begin(&self.site, goal_cell);
-        self.potential.reach(&self.site, start_cell);
-
-        let mut limits = Limits { budget: self.params.max_expansions, cancel };
-        let mut search = self.search(*start, &goal, false, &mut limits)?;
-        if search.shot.is_none() && search.end == SearchEnd::Exhausted {
-            // The whole motions may be too long for a tight place: once more, with shorter ones.
-            let before = search.expansions;
-            limits.budget = limits.budget.saturating_sub(before);
-            search = self.search(*start, &goal, true, &mut limits)?;
-            search.expansions += before;
-        }
-        let lattice = Lattice::new(&self.params, &self.motions, &self.site, *start)?;
-        let reason = match (search.shot, search.end) {
-            (Some(_), _) => None,
-            (None, SearchEnd::Budget) => Some(NoPathReason::Budget),
-            (None, SearchEnd::Cancelled) => Some(NoPathReason::Cancelled),
-            (None, _) => return no_path(NoPathReason::Disconnected, search.expansions),
-        };
-        let last = search.shot.map_or(search.nearest, |shot| shot.node);
-        legs_into(&self.workspace, &lattice, last, &mut self.way, &mut self.legs);
-        let mut end = self.legs.last().map_or(*start, Leg::end);
-        if let Some(shot) = &search.shot {
-            self.legs.extend(self.curves.legs(&end, &shot.curve));
-            end = goal;
-        }
-        if self.params.shorten && !limits.cancel.as_mut().is_some_and(|cancel| cancel()) {
-            self.shortener.run(&lattice, &self.site, &self.curves, &mut self.legs, &end);
-        }
-        write_path(&self.legs, start, &end, self.params.spacing, path)?;
-        let cost = lattice.cost_of(None, self.legs.iter().copied());
-        match reason {
-            None => Ok(PlanOutcome::Found { cost, expansions: search.expansions }),
-            Some(reason) => no_path(reason, search.expansions),
-        }
-    }
-
     /// The goal if the vehicle can stand there, or the nearest pose within the tolerances where it can; of those in one place
     /// the one that is turned least. Looks at no more poses than a query may expand states.
     fn free_near(&self, goal: &Se2) -> Option<Se2> {
@@ -373,13 +286,81 @@ fn write_path(legs: &[Leg], start: &Se2, end: &Se2, spacing: f64, path: &mut Pat
 }
 
 impl GlobalPlanner for HybridAStar {
-    fn plan_into(
+    /// Asks at first and every 16 expansions, about a millisecond. A path that was found before is not shortened then, but is a
+    /// path.
+    ///
+    /// # Errors
+    /// As [`plan_into`](GlobalPlanner::plan_into), a map with more cells and headings than 2^32, and one whose cells a step
+    /// does not leave.
+    fn plan_with_cancel(
         &mut self,
         costmap: &Costmap,
         start: &Se2,
         goal: &Se2,
         path: &mut Path,
+        cancelled: &mut dyn FnMut() -> bool,
     ) -> Result<PlanOutcome, PlanError> {
-        self.plan(costmap, (start, goal), path, None)
+        path.clear();
+        for (name, pose) in [("start", start), ("goal", goal)] {
+            check::all_finite(name, &[pose.x(), pose.y(), pose.yaw()])?;
+        }
+        let layout = costmap.layout();
+        let outside = |pose: &Se2| layout.cell_at(&pose.translation()).is_none();
+        if outside(start) {
+            return Err(PlanError::StartOutside { x: start.x(), y: start.y() });
+        }
+        if outside(goal) {
+            return Err(PlanError::GoalOutside { x: goal.x(), y: goal.y() });
+        }
+        let no_path = |reason, expansions| Ok(PlanOutcome::NoPath { reason, expansions });
+        if self.site.update(costmap).map_err(|error| into_core(&error))? {
+            // At once: the site tells of a change no second time, and this query may end before it needs the potential.
+            self.potential.forget();
+        }
+        if !self.site.is_free(start) {
+            return no_path(NoPathReason::StartBlocked, 0);
+        }
+        let Some(goal) = self.free_near(goal) else { return no_path(NoPathReason::GoalBlocked, 0) };
+        self.site.set_ends([*start, goal]);
+        let lattice = Lattice::new(&self.params, &self.motions, &self.site, *start)?;
+        let cells = lattice.cell(&start.translation()).zip(lattice.cell(&goal.translation()));
+        let Some((start_cell, goal_cell)) = cells.filter(|&(a, b)| self.site.are_joined(a, b)) else {
+            return no_path(NoPathReason::Disconnected, 0);
+        };
+        self.potential.begin(&self.site, goal_cell);
+        self.potential.reach(&self.site, start_cell);
+
+        let mut limits = Limits { budget: self.params.max_expansions, cancel: Some(&mut *cancelled) };
+        let mut search = self.search(*start, &goal, false, &mut limits)?;
+        if search.shot.is_none() && search.end == SearchEnd::Exhausted {
+            // The whole motions may be too long for a tight place: once more, with shorter ones.
+            let before = search.expansions;
+            limits.budget = limits.budget.saturating_sub(before);
+            search = self.search(*start, &goal, true, &mut limits)?;
+            search.expansions += before;
+        }
+        let lattice = Lattice::new(&self.params, &self.motions, &self.site, *start)?;
+        let reason = match (search.shot, search.end) {
+            (Some(_), _) => None,
+            (None, SearchEnd::Budget) => Some(NoPathReason::Budget),
+            (None, SearchEnd::Cancelled) => Some(NoPathReason::Cancelled),
+            (None, _) => return no_path(NoPathReason::Disconnected, search.expansions),
+        };
+        let last = search.shot.map_or(search.nearest, |shot| shot.node);
+        legs_into(&self.workspace, &lattice, last, &mut self.way, &mut self.legs);
+        let mut end = self.legs.last().map_or(*start, Leg::end);
+        if let Some(shot) = &search.shot {
+            self.legs.extend(self.curves.legs(&end, &shot.curve));
+            end = goal;
+        }
+        if self.params.shorten && search.end != SearchEnd::Cancelled && !cancelled() {
+            self.shortener.run(&lattice, &self.site, &self.curves, &mut self.legs, &end);
+        }
+        write_path(&self.legs, start, &end, self.params.spacing, path)?;
+        let cost = lattice.cost_of(None, self.legs.iter().copied());
+        match reason {
+            None => Ok(PlanOutcome::Found { cost, expansions: search.expansions }),
+            Some(reason) => no_path(reason, search.expansions),
+        }
     }
 }

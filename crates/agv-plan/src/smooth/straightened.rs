@@ -5,12 +5,12 @@ use agv_core::{
     geometry::Se2,
     grid::Costmap,
     path::Path,
-    roles::{GlobalPlanner, PlanError, PlanOutcome},
+    roles::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome},
 };
 
 /// Plans with `P` and smooths its paths by `S`, as by leaving only their key nodes; the [`GlobalPlanner`] role.
 ///
-/// The cost of the outcome is that of `P`'s own path.
+/// The cost of the outcome is that of `P`'s own path; when a query is cancelled, that path is given as it is.
 ///
 /// ```
 /// use agv_core::geometry::Se2;
@@ -44,15 +44,20 @@ impl<P: GlobalPlanner, S: PathSmoother> Straightened<P, S> {
 }
 
 impl<P: GlobalPlanner, S: PathSmoother> GlobalPlanner for Straightened<P, S> {
-    fn plan_into(
+    fn plan_with_cancel(
         &mut self,
         costmap: &Costmap,
         start: &Se2,
         goal: &Se2,
         path: &mut Path,
+        cancelled: &mut dyn FnMut() -> bool,
     ) -> Result<PlanOutcome, PlanError> {
         path.clear();
-        let outcome = self.planner.plan_into(costmap, start, goal, &mut self.path)?;
+        let outcome = self.planner.plan_with_cancel(costmap, start, goal, &mut self.path, cancelled)?;
+        if matches!(outcome, PlanOutcome::NoPath { reason: NoPathReason::Cancelled, .. }) {
+            std::mem::swap(path, &mut self.path);
+            return Ok(outcome);
+        }
         self.smoother.smooth_into(costmap, &self.path, path)?;
         Ok(outcome)
     }

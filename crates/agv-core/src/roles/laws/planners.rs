@@ -5,7 +5,10 @@ use crate::{
     geometry::{LieGroup, Se2, Twist2},
     grid::{CellState, CollisionChecker, CollisionParams, Costmap, Footprint, Grid, cost},
     path::Path,
-    roles::{GlobalPlanner, LocalPlanRequest, LocalPlanStatus, LocalPlanner, PlanError, PlanOutcome, VehicleState},
+    roles::{
+        GlobalPlanner, LocalPlanRequest, LocalPlanStatus, LocalPlanner, NoPathReason, PlanError, PlanOutcome,
+        VehicleState,
+    },
 };
 
 /// Checks a global planner on a query that has an answer: `costmap` joins `start` and `goal`.
@@ -43,7 +46,7 @@ pub fn global_planner(
     ensure(ROLE, "the path keeps to cells that may be entered", is_traversable(costmap, &path))?;
 
     let mut again = Path::new();
-    let second = player.plan_into(costmap, start, goal, &mut again);
+    let second = player.plan_with_cancel(costmap, start, goal, &mut again, &mut || false);
     // A planner that remembers may have less to do, so the expansions are not compared.
     let cost = |outcome| match outcome {
         Ok(PlanOutcome::Found { cost, .. }) => Some(f64::to_bits(cost)),
@@ -51,6 +54,28 @@ pub fn global_planner(
     };
     let same = cost(second) == cost(outcome) && again == path;
     ensure(ROLE, "the same query has the same answer, bit for bit", same)?;
+
+    for patience in [0, 1] {
+        let (mut asked, mut said) = (0, false);
+        let mut asked_again = false;
+        let mut cancelled = || {
+            asked_again |= said;
+            said = asked >= patience;
+            asked += 1;
+            said
+        };
+        let stopped = player.plan_with_cancel(costmap, start, goal, &mut path, &mut cancelled);
+        ensure(ROLE, "who said to stop is not asked again", !asked_again)?;
+        // A planner may have a path by the time it asks.
+        let is_told = match stopped {
+            Ok(PlanOutcome::Found { .. }) => true,
+            Ok(PlanOutcome::NoPath { reason, .. }) => said && reason == NoPathReason::Cancelled,
+            Err(_) => false,
+        };
+        ensure(ROLE, "a query that is cancelled says so", is_told)?;
+        let from_start = path.points().first().is_none_or(|first| first.pose.translation() == start.translation());
+        ensure(ROLE, "the path of a cancelled query begins at the start", from_start && is_traversable(costmap, &path))?;
+    }
 
     let trivial = player.plan_into(costmap, start, start, &mut path);
     let stays = matches!(trivial, Ok(PlanOutcome::Found { .. })) && !path.is_empty();

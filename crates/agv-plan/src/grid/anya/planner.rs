@@ -143,28 +143,17 @@ impl Anya {
         }
         Ok(length)
     }
+}
 
-    /// As [`plan_into`](GlobalPlanner::plan_into), but asks `cancel` every [`Limits::CANCEL_INTERVAL`] expansions whether
-    /// to stop.
-    ///
-    /// # Errors
-    /// As [`plan_into`](GlobalPlanner::plan_into).
-    pub fn plan_with_cancel(
+impl GlobalPlanner for Anya {
+    /// Asks every [`Limits::CANCEL_INTERVAL`] expansions.
+    fn plan_with_cancel(
         &mut self,
         costmap: &Costmap,
-        (start, goal): (&Se2, &Se2),
+        start: &Se2,
+        goal: &Se2,
         path: &mut Path,
-        cancel: &mut dyn FnMut() -> bool,
-    ) -> Result<PlanOutcome, PlanError> {
-        self.plan(costmap, (start, goal), path, Some(cancel))
-    }
-
-    fn plan(
-        &mut self,
-        costmap: &Costmap,
-        (start, goal): (&Se2, &Se2),
-        path: &mut Path,
-        cancel: Option<&mut dyn FnMut() -> bool>,
+        cancelled: &mut dyn FnMut() -> bool,
     ) -> Result<PlanOutcome, PlanError> {
         path.clear();
         let layout = *costmap.layout();
@@ -177,7 +166,7 @@ impl Anya {
         };
         let Some(last) = self.reachable(ends, goal) else { return no_path(NoPathReason::Disconnected, 0) };
         let (from, to) = (self.space.cell(ends.start), self.space.cell(last));
-        let mut limits = Limits { budget: self.params.max_expansions, cancel };
+        let mut limits = Limits { budget: self.params.max_expansions, cancel: Some(cancelled) };
         let end = self.search.run(&self.runs, (from, to), &mut limits);
         self.search.way_back_into(&mut self.way);
         let expansions = self.search.expansions;
@@ -189,17 +178,5 @@ impl Anya {
             Ok(()) => Ok(PlanOutcome::Found { cost: length * layout.resolution(), expansions }),
             Err(reason) => no_path(reason, expansions),
         }
-    }
-}
-
-impl GlobalPlanner for Anya {
-    fn plan_into(
-        &mut self,
-        costmap: &Costmap,
-        start: &Se2,
-        goal: &Se2,
-        path: &mut Path,
-    ) -> Result<PlanOutcome, PlanError> {
-        self.plan(costmap, (start, goal), path, None)
     }
 }
