@@ -14,7 +14,7 @@ use agv_nav::plan::{
         AStar, AStarParams, Anya, Bidirectional, Components, Connectivity, DStarLite, Dijkstra, GridParams,
         GridPlannerParams, GridSpace, Jps, JpsPlus, LazyThetaStar, Potential, ThetaStar,
     },
-    smooth::{KeyNodes, KeyNodesParams},
+    smooth::{KeyNodes, LineOfSightParams},
 };
 
 /// The room inflated, and the same with another pillar.
@@ -128,7 +128,7 @@ fn key_nodes() {
     let mut planner = AStar::new(AStarParams::default()).unwrap();
     let [start, goal] = corners();
     planner.plan_into(&costmap, &start, &goal, &mut path).unwrap();
-    let key_nodes = KeyNodes::new(KeyNodesParams::default()).unwrap();
+    let key_nodes = KeyNodes::new(LineOfSightParams::default()).unwrap();
     let mut run = || key_nodes.shorten_into(&costmap, &path, &mut short).unwrap();
     run();
     assert_eq!(counter::count(run), 0);

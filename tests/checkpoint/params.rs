@@ -116,5 +116,5 @@ table! {
     plan::aco::SparrowParams,
     plan::grid::AStarParams,
     plan::grid::GridPlannerParams,
-    plan::smooth::KeyNodesParams,
+    plan::smooth::LineOfSightParams,
 }

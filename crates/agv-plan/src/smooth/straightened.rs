@@ -18,11 +18,11 @@ use agv_core::{
 /// use agv_core::path::Path;
 /// use agv_core::roles::GlobalPlanner;
 /// use agv_plan::grid::{AStar, AStarParams};
-/// use agv_plan::smooth::{KeyNodes, KeyNodesParams, Straightened};
+/// use agv_plan::smooth::{KeyNodes, LineOfSightParams, Straightened};
 ///
 /// let map = Costmap::from_map(&Grid::filled(GridLayout::new(60, 60, 0.1, Se2::default())?, CellState::Free));
 /// let mut planner =
-///     Straightened::new(AStar::new(AStarParams::default())?, KeyNodes::new(KeyNodesParams::default())?);
+///     Straightened::new(AStar::new(AStarParams::default())?, KeyNodes::new(LineOfSightParams::default())?);
 /// let mut path = Path::new();
 /// planner.plan_into(&map, &Se2::new(0.5, 0.5, 0.0), &Se2::new(5.0, 3.0, 0.0), &mut path)?;
 /// assert_eq!(path.len(), 2, "nothing stands between start and goal");

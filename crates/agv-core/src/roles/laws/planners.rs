@@ -74,7 +74,11 @@ pub fn global_planner(
         };
         ensure(ROLE, "a query that is cancelled says so", is_told)?;
         let from_start = path.points().first().is_none_or(|first| first.pose.translation() == start.translation());
-        ensure(ROLE, "the path of a cancelled query begins at the start", from_start && is_traversable(costmap, &path))?;
+        ensure(
+            ROLE,
+            "the path of a cancelled query begins at the start",
+            from_start && is_traversable(costmap, &path),
+        )?;
     }
 
     let trivial = player.plan_into(costmap, start, start, &mut path);
