@@ -23,6 +23,7 @@ mod occupancy;
 mod ray_cast;
 mod revision;
 mod scan_insertion;
+mod surfaces;
 mod thresholds;
 mod traversal;
 
