@@ -6,7 +6,6 @@ mod cells;
 mod collision;
 mod components;
 mod costmap;
-mod cover;
 mod distance;
 mod evidence;
 mod footprint;
