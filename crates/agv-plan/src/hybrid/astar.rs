@@ -7,6 +7,7 @@
 
 use super::{
     UNIT,
+    gate::GateFinder,
     guide::{Guide, Potential},
     lattice::{Arrival, Lattice},
     motion::{Leg, Motion, motions},
@@ -90,6 +91,7 @@ pub struct HybridAStar {
     curves: Curves,
     site: Site,
     potential: Potential,
+    gates: GateFinder,
     workspace: Workspace<Arrival, Buckets, SparseNodes<Arrival>>,
     shooter: Shooter,
     shortener: Shortener,
@@ -117,6 +119,7 @@ impl HybridAStar {
             motions: motions(&params),
             table: CurveTable::new(&params)?,
             curves: Curves::new(&params)?,
+            gates: GateFinder::new(&params, &footprint),
             site: Site::new(footprint, &params)?,
             potential: Potential::default(),
             workspace: Workspace::default(),
@@ -172,8 +175,8 @@ impl HybridAStar {
     }
 
     fn search(&mut self, start: Se2, goal: &Se2, fine: bool, limits: &mut Limits<'_>) -> Result<Search, PlanError> {
-        let Self { params, motions, table, curves, site, potential, workspace, shooter, .. } = self;
-        let lattice = Lattice::new(params, motions, site, start)?.with_fine(fine);
+        let Self { params, motions, table, curves, site, potential, gates, workspace, shooter, .. } = self;
+        let lattice = Lattice::new(params, motions, site, start)?.with_fine(fine).with_gates(gates.gates(), curves);
         let start_node = lattice.node(&start).unwrap_or(u32::MAX);
         let mut search = Search { shot: None, nearest: start_node, expansions: 0, end: SearchEnd::Exhausted };
         let (mut nearest, mut pause, mut next_shot) = (u32::MAX, pause_after(limits, 0), 0);
@@ -260,9 +263,7 @@ fn legs_into(
     legs.clear();
     let arrivals = || way.iter().filter_map(|&node| workspace.link(node));
     for (from, to) in arrivals().zip(arrivals().skip(1)) {
-        if let Some(motion) = lattice.motion(&to) {
-            legs.push(Leg { start: lattice.pose(&from), twist: motion.twist, length: motion.length });
-        }
+        lattice.legs_between(&from, &to, legs);
     }
 }
 
@@ -329,6 +330,7 @@ impl GlobalPlanner for HybridAStar {
         };
         self.potential.begin(&self.site, goal_cell);
         self.potential.reach(&self.site, start_cell);
+        self.gates.find(&self.site, &lattice, &self.potential, start_cell, &goal);
 
         let mut limits = Limits { budget: self.params.max_expansions, cancel: Some(&mut *cancelled) };
         let mut search = self.search(*start, &goal, false, &mut limits)?;
@@ -339,7 +341,8 @@ impl GlobalPlanner for HybridAStar {
             search = self.search(*start, &goal, true, &mut limits)?;
             search.expansions += before;
         }
-        let lattice = Lattice::new(&self.params, &self.motions, &self.site, *start)?;
+        let lattice =
+            Lattice::new(&self.params, &self.motions, &self.site, *start)?.with_gates(self.gates.gates(), &self.curves);
         let reason = match (search.shot, search.end) {
             (Some(_), _) => None,
             (None, SearchEnd::Budget) => Some(NoPathReason::Budget),
