@@ -10,6 +10,7 @@ use crate::{
         VehicleState,
     },
 };
+use nalgebra::Vector2;
 
 /// Checks a global planner on a query that has an answer: `costmap` joins `start` and `goal`.
 ///
@@ -97,16 +98,22 @@ pub fn global_planner(
     Ok(())
 }
 
-/// Whether the straight lines of the path cross cells that may be entered only; sampled at a quarter of a cell.
+/// Whether the straight lines of the path cross cells that may be entered only; sampled at a quarter of a cell. A point on an
+/// edge, up to rounding, belongs to the cells on either side of it.
 fn is_traversable(costmap: &Costmap, path: &Path) -> bool {
-    let step = 0.25 * costmap.layout().resolution();
+    let layout = costmap.layout();
+    let step = 0.25 * layout.resolution();
+    let hair = 1e-6 * layout.resolution();
+    let enterable = |point: Vector2<f64>| {
+        [(0.0, 0.0), (-hair, -hair), (hair, -hair), (-hair, hair), (hair, hair)].into_iter().any(|(dx, dy)| {
+            let off = layout.map_from_grid().rotation().act(&Vector2::new(dx, dy));
+            layout.cell_at(&(point + off)).is_some_and(|cell| costmap.is_traversable(cell))
+        })
+    };
     path.points().windows(2).all(|w| {
         let (a, b) = (w[0].pose.translation(), w[1].pose.translation());
         let samples = ((b - a).norm() / step).ceil().max(1.0) as usize;
-        (0..=samples).all(|i| {
-            let point = a + (b - a) * (i as f64 / samples as f64);
-            costmap.layout().cell_at(&point).is_some_and(|cell| costmap.is_traversable(cell))
-        })
+        (0..=samples).all(|i| enterable(a + (b - a) * (i as f64 / samples as f64)))
     })
 }
 
@@ -204,7 +211,6 @@ mod tests {
         kinematics::MotionLimits,
         roles::{BlockReason, LocalCommand, LocalPlanError},
     };
-    use nalgebra::Vector2;
 
     const BLOCKED: LocalPlanStatus = LocalPlanStatus::Blocked(BlockReason::Obstacle);
 
