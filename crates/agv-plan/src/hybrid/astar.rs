@@ -3,11 +3,12 @@
 //! A* over motions of constant curvature, forwards and backwards, of which the cheapest pose per cell and heading is kept
 //! (Dolgov, Thrun, Montemerlo and Diebel, *Path planning for autonomous vehicles in unknown semi-structured environments*,
 //! 2010). From time to time a curve is tried straight to the goal; one that touches nothing makes a path, which is taken when
-//! what is still open promises no cheaper one.
+//! what is still open promises no cheaper one. Curves are tried to gates as well, which lead through narrow places.
 
 use super::{
     UNIT,
     gate::GateFinder,
+    goal::free_near,
     guide::{Guide, Potential},
     lattice::{Arrival, Lattice},
     motion::{Leg, Motion, motions},
@@ -23,12 +24,11 @@ use crate::{
 };
 use agv_core::{
     check,
-    geometry::{LieGroup, Se2},
+    geometry::Se2,
     grid::{Costmap, Footprint},
     path::{Path, PathPoint},
     roles::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome},
 };
-use std::f64::consts::TAU;
 
 /// A bucket queue that makes no room for nodes that the search will never see.
 #[derive(Debug, Clone, Default)]
@@ -136,44 +136,6 @@ impl HybridAStar {
         &self.params
     }
 
-    /// The goal if the vehicle can stand there, or the nearest pose within the tolerances where it can; of those in one place
-    /// the one that is turned least. Looks at no more poses than a query may expand states.
-    fn free_near(&self, goal: &Se2) -> Option<Se2> {
-        if self.site.is_free(goal) {
-            return Some(*goal);
-        }
-        let step = self.site.layout().resolution();
-        let reach = self.params.goal_tolerance / step;
-        let per_heading = TAU / f64::from(self.params.headings);
-        let turns = (self.params.goal_heading_tolerance / per_heading).floor() as i32;
-        let headings =
-            || std::iter::once(0).chain((1..=turns).flat_map(|i| [i, -i])).map(|i| f64::from(i) * per_heading);
-        let mut left = self.params.max_expansions;
-        let mut found: Option<(i64, Se2)> = None;
-        // Square rings around the goal, outwards: no place of a ring is nearer than its number.
-        for ring in 0..=reach.floor() as i64 {
-            if found.is_some_and(|(least, _)| ring * ring >= least) {
-                break;
-            }
-            for (x, y) in places_of(ring) {
-                let squared = x * x + y * y;
-                if squared as f64 > reach * reach || found.is_some_and(|(least, _)| squared >= least) {
-                    continue;
-                }
-                for yaw in headings() {
-                    let Some(fewer) = left.checked_sub(1) else { return found.map(|(_, pose)| pose) };
-                    left = fewer;
-                    let pose = goal.compose(&Se2::new(x as f64 * step, y as f64 * step, yaw));
-                    if self.site.is_free(&pose) {
-                        found = Some((squared, pose));
-                        break;
-                    }
-                }
-            }
-        }
-        found.map(|(_, pose)| pose)
-    }
-
     fn search(&mut self, start: Se2, goal: &Se2, fine: bool, limits: &mut Limits<'_>) -> Result<Search, PlanError> {
         let Self { params, motions, table, curves, site, potential, gates, workspace, shooter, .. } = self;
         let lattice = Lattice::new(params, motions, site, start)?.with_fine(fine).with_gates(gates.gates(), curves);
@@ -221,15 +183,6 @@ impl HybridAStar {
         }
         Ok(search)
     }
-}
-
-/// The places of a square ring around the origin, each once.
-fn places_of(ring: i64) -> impl Iterator<Item = (i64, i64)> {
-    (-ring..=ring).flat_map(move |y| {
-        let whole_row = y.abs() == ring;
-        let stride = if whole_row { 1 } else { (2 * ring).max(1) };
-        (-ring..=ring).step_by(stride as usize).map(move |x| (x, y))
-    })
 }
 
 /// Turning radii from the goal within which every expansion tries a curve, and other words than the cheapest.
@@ -321,7 +274,9 @@ impl GlobalPlanner for HybridAStar {
         if !self.site.is_free(start) {
             return no_path(NoPathReason::StartBlocked, 0);
         }
-        let Some(goal) = self.free_near(goal) else { return no_path(NoPathReason::GoalBlocked, 0) };
+        let Some(goal) = free_near(&self.site, &self.params, goal) else {
+            return no_path(NoPathReason::GoalBlocked, 0);
+        };
         self.site.set_ends([*start, goal]);
         let lattice = Lattice::new(&self.params, &self.motions, &self.site, *start)?;
         let cells = lattice.cell(&start.translation()).zip(lattice.cell(&goal.translation()));

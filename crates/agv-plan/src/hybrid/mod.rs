@@ -15,6 +15,7 @@ mod astar;
 mod curve;
 mod dubins;
 mod gate;
+mod goal;
 mod guide;
 mod lattice;
 mod motion;
