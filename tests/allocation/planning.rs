@@ -162,7 +162,7 @@ fn smoothers() {
     let obstacles = ObstacleMap::new(&scenes::room(), CollisionParams::default(), Some(1.0)).unwrap();
     let mut smoother = CurvatureSmoother::new(CurvatureSmootherParams::default()).unwrap();
     let footprint = Footprint::circle(0.2).unwrap();
-    let mut run = || smoother.smooth_into(&obstacles, &footprint, &path, &mut smooth).unwrap();
+    let mut run = || assert!(smoother.smooth_into(&obstacles, &footprint, &path, &mut smooth).is_ok());
     run();
     assert_eq!(counter::count(run), 0);
 }
