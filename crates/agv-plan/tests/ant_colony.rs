@@ -196,7 +196,7 @@ fn cancelling_keeps_what_was_found() {
         asked += 1;
         asked == 3
     };
-    let outcome = planner.plan_with_cancel(&room(true), (&start(), &goal()), &mut path, &mut cancel).unwrap();
+    let outcome = planner.plan_with_cancel(&room(true), &start(), &goal(), &mut path, &mut cancel).unwrap();
     assert!(matches!(outcome, PlanOutcome::Found { .. }));
     assert_eq!(planner.solver().history().len(), 3);
 }

@@ -6,7 +6,6 @@ mod cells;
 mod collision;
 mod components;
 mod costmap;
-mod cover;
 mod distance;
 mod evidence;
 mod footprint;
@@ -23,6 +22,7 @@ mod occupancy;
 mod ray_cast;
 mod revision;
 mod scan_insertion;
+mod surfaces;
 mod thresholds;
 mod traversal;
 
