@@ -76,7 +76,9 @@ pub(super) fn linearize(state: &State, reading: &Reading, source: &Source) -> Op
             let then = state.map_from_base * Se2::exp(&back);
             let (mut residual, mut rows) = compare(state, &then, slot, &seen, base_from_sensor);
             if source.params.late {
-                rows.iter_mut().for_each(|row| carry(row, state, &back));
+                for row in &mut rows {
+                    carry(row, state, &back);
+                }
             }
             residual[2] = wrap_angle(residual[2]);
             let turn = Se2::rotation_adjoint(&seen);
