@@ -52,6 +52,9 @@ struct Args {
     /// Instead of a kidnap, start anywhere in this map (yaml and pgm), without knowing where
     #[arg(long)]
     map: Option<PathBuf>,
+    /// Start there from a swarm that the first scan has drawn, instead of from anywhere
+    #[arg(long, requires = "map")]
+    improved_swarm: bool,
     /// Metres to drive then
     #[arg(long, default_value_t = 15.0)]
     length: f64,
@@ -184,8 +187,11 @@ fn switched_on(args: &Args, site: &Site, out: &FilePath) -> Result<Report> {
     let (mut found, mut times, mut lost, mut timings, mut counts) =
         (0, Vec::new(), Vec::new(), Timings::default(), 0.0);
     for seed in progress.over(args.seeds()) {
-        let drive = drive::wandering(site, args.length, seed)?;
+        let mut drive = drive::wandering(site, args.length, seed)?;
         let mut filter = Kind::Search.build(site, &PoseBelief::Anywhere, seed, args.common.par())?;
+        if args.improved_swarm && drive.steps.len() > 1 {
+            filter.start_by(&drive.steps.remove(0).scan)?;
+        }
         let outcome = follow(filter.as_mut(), &drive)?;
         let end = outcome.errors.len() - 1;
         let is_found = outcome.errors[end] < 0.2 && outcome.heading_errors[end] < 5_f64.to_radians();
