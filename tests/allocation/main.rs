@@ -6,6 +6,7 @@ mod counter;
 mod frames_and_solvers;
 mod gaussian;
 mod grids;
+mod kalman;
 mod localization;
 mod mapping;
 mod particle_models;
