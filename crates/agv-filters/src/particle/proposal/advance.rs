@@ -2,7 +2,7 @@
 //!
 //! As long as a vehicle is tracked, and the estimate explains the scan, there is time: each update tries part of the candidates,
 //! spread over all free space, and refines the best ones by a round. What was found so far moves along with the odometry and
-//! competes with what is new, all of them weighed by the scan of the day. So an update that searches costs about half as much again as one that does not.
+//! competes with what is new, all of them weighed by the scan of the day. So an update that searches costs about twice what one does that does not search.
 
 use super::{LikelihoodSearch, Place, ProposalContext, search::Found};
 use crate::particle::WeighParticles;

@@ -40,7 +40,7 @@ impl Default for LikelihoodSearchParams {
     /// A candidate each 0.5 m and 10°, 144 per square metre, of which at most 30 000 are tried at once: 60 beams of them
     /// take some milliseconds, and a search that misses is repeated with the next scan. 100 are refined, to 3 cm and 1°.
     /// What is twenty times less likely than the estimate is not proposed. An estimate that explains 0.6 of the readings
-    /// ([`RecoveryParams::explained`](crate::particle::RecoveryParams)) leaves time: the search then takes no longer than half the weighing.
+    /// ([`RecoveryParams::explained`](crate::particle::RecoveryParams)) leaves time: the search then takes no longer than the weighing.
     fn default() -> Self {
         Self {
             density: 144.0,
@@ -53,7 +53,7 @@ impl Default for LikelihoodSearchParams {
             turn: 0.1,
             margin: 3.0,
             power: 0.2,
-            effort: 0.5,
+            effort: 1.0,
             explained: 0.6,
         }
     }
