@@ -7,6 +7,7 @@
 //! - [`hybrid`]: [`HybridAStar`](hybrid::HybridAStar) for vehicles with a turning circle, which plays `GlobalPlanner` too, and
 //!   the curves of Dubins and of Reeds and Shepp.
 //! - [`smooth`]: what turns a path of cells into one that a vehicle likes to follow.
+//! - [`teb`]: the timed elastic band, [`Teb`](teb::Teb), which plays [`LocalPlanner`](agv_core::roles::LocalPlanner).
 //!
 //! Features: `rayon` (parallel loops, on by default) and `serde` (parameters round-trip).
 #![forbid(unsafe_code)]
@@ -18,5 +19,6 @@ mod error;
 pub mod grid;
 pub mod hybrid;
 pub mod smooth;
+pub mod teb;
 
 pub use error::Error;
