@@ -19,19 +19,6 @@ pub(super) struct Sample {
     pub(super) direction: f64,
 }
 
-/// Which way a band goes by what blocks the path.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub(super) enum Way {
-    /// As in the last cycle.
-    Last,
-    /// Along the path.
-    Path,
-    /// To the left of it.
-    Left,
-    /// To the right of it.
-    Right,
-}
-
 /// Steps of the search to the side, in metres.
 const STEP: f64 = 0.1;
 /// How fast a detour leaves the path: metres to the side per metre ahead.

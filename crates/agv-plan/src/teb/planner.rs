@@ -2,7 +2,7 @@
 
 use super::{
     band::Band,
-    classes::{Sample, Way, detour, same_way},
+    classes::{Sample, detour, same_way},
     edges::Circle,
     line::{Ground, Line},
     params::TebParams,
@@ -76,7 +76,7 @@ pub struct Teb {
     samples: Vec<Sample>,
     offsets: Vec<f64>,
     scratch: Vec<[f64; 4]>,
-    /// One per way; the first is that of the last cycle.
+    /// The way of the last cycle, that along the path, and those to the left and to the right of it.
     slots: Vec<Slot>,
     /// The band that was followed last, if any.
     last: Band,
@@ -92,7 +92,6 @@ pub struct Teb {
 /// One way, and the memory to find it.
 #[derive(Debug, Clone)]
 struct Slot {
-    way: Way,
     active: bool,
     band: Band,
     solver: BandSolver,
@@ -104,9 +103,8 @@ struct Slot {
 }
 
 impl Slot {
-    fn new(way: Way) -> Self {
+    fn new() -> Self {
         Self {
-            way,
             active: false,
             band: Band::new(),
             solver: BandSolver::default(),
@@ -182,7 +180,7 @@ impl Teb {
             samples: Vec::new(),
             offsets: Vec::new(),
             scratch: Vec::new(),
-            slots: [Way::Last, Way::Path, Way::Left, Way::Right].map(Slot::new).into(),
+            slots: vec![Slot::new(); 4],
             last: Band::new(),
             hold: Rollout::default(),
             guard: Rollout::default(),

@@ -12,23 +12,23 @@ use agv_core::{
     roles::{GlobalPlanner, PlanOutcome},
 };
 use agv_plan::{
-    grid::{AStar, AStarParams, GridParams, GridPlannerParams},
+    grid::{AStar, AStarParams, GridParams},
     smooth::{KeyNodes, KeyNodesParams, PathSmoother},
 };
 use rand_distr::{Bernoulli, Distribution};
 
-pub fn footprint() -> Footprint {
+pub(crate) fn footprint() -> Footprint {
     Footprint::rectangle(-0.254, 0.254, 0.43).unwrap()
 }
 
 /// An empty hall of 0.05 m cells.
-pub fn hall(width: f64, height: f64) -> Costmap {
+pub(crate) fn hall(width: f64, height: f64) -> Costmap {
     let layout = GridLayout::new((width / 0.05) as usize, (height / 0.05) as usize, 0.05, Se2::default()).unwrap();
     Costmap::from_map(&Grid::filled(layout, CellState::Free))
 }
 
 /// Marks the cells of a disc as lethal.
-pub fn disc(costmap: &mut Costmap, center: Vector2<f64>, radius: f64) {
+pub(crate) fn disc(costmap: &mut Costmap, center: Vector2<f64>, radius: f64) {
     let layout = *costmap.layout();
     for i in 0..layout.len() {
         let cell = layout.cell(i);
@@ -40,7 +40,7 @@ pub fn disc(costmap: &mut Costmap, center: Vector2<f64>, radius: f64) {
 
 /// A field of cylinders between two free ends, as the BARN data set makes them: random cells of 0.15 m, smoothed by a cellular
 /// automaton.
-pub fn cylinders(seed: u64, fill: f64) -> Costmap {
+pub(crate) fn cylinders(seed: u64, fill: f64) -> Costmap {
     let (width, height) = (30_usize, 40_usize);
     let mut stream = Seed(seed).stream(0, 0);
     let filled = Bernoulli::new(fill).unwrap();
@@ -58,6 +58,10 @@ pub fn cylinders(seed: u64, fill: f64) -> Costmap {
         }
     }
     let mut costmap = hall(4.5, 10.0);
+    for row in 0..200 {
+        costmap.set(Cell::new(0, row), cost::LETHAL);
+        costmap.set(Cell::new(89, row), cost::LETHAL);
+    }
     for (i, _) in cells.iter().enumerate().filter(|(_, filled)| **filled) {
         let center = Vector2::new((i % width) as f64 * 0.15 + 0.075, (i / width) as f64 * 0.15 + 2.0);
         disc(&mut costmap, center, 0.075);
@@ -66,7 +70,7 @@ pub fn cylinders(seed: u64, fill: f64) -> Costmap {
 }
 
 /// The way from the lower to the upper end that keeps 0.3 m of clearance if it can; none if there is none.
-pub fn path_through(costmap: &Costmap, start: &Se2, goal: &Se2) -> Option<Path> {
+pub(crate) fn path_through(costmap: &Costmap, start: &Se2, goal: &Se2) -> Option<Path> {
     let states = costmap.costs().iter().map(|&c| if c == cost::LETHAL { CellState::Occupied } else { CellState::Free });
     let map = Grid::new(*costmap.layout(), states.collect()).unwrap();
     let params = InflationParams { inscribed_radius: 0.34, inflation_radius: 0.6, ..InflationParams::default() };
@@ -85,12 +89,12 @@ pub fn path_through(costmap: &Costmap, start: &Se2, goal: &Se2) -> Option<Path> 
     }
 }
 
-pub fn local(costmap: &Costmap) -> LocalMap {
+pub(crate) fn local(costmap: &Costmap) -> LocalMap {
     LocalMap::new(costmap, LocalMapParams::default()).unwrap()
 }
 
 /// A wall across the hall with a gap.
-pub fn wall(costmap: &mut Costmap, x: f64, gap: (f64, f64)) {
+pub(crate) fn wall(costmap: &mut Costmap, x: f64, gap: (f64, f64)) {
     let layout = *costmap.layout();
     let column = (x / 0.05) as i32;
     for row in 0..layout.height() as i32 {

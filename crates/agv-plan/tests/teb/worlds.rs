@@ -9,7 +9,7 @@ use agv_core::{
 };
 use agv_plan::teb::{Teb, TebParams};
 
-pub fn barn_limits() -> MotionLimits {
+pub(crate) fn barn_limits() -> MotionLimits {
     TwistLimits {
         forward_speed: 2.0,
         reverse_speed: 0.5,
@@ -37,7 +37,7 @@ fn drive(seed: u64, fill: f64) -> Option<End> {
     let state = |&c: &u8| if c == cost::LETHAL { CellState::Occupied } else { CellState::Free };
     let grid = Grid::new(*costmap.layout(), costmap.costs().iter().map(state).collect()).unwrap();
     let params = CollisionParams { outside_is_obstacle: false, ..CollisionParams::default() };
-    let mut checker = CollisionChecker::new(&grid, footprint(), params).unwrap();
+    let checker = CollisionChecker::new(&grid, footprint(), params).unwrap();
     let mut teb = Teb::new(TebParams::for_footprint(footprint())).unwrap();
     let limits = barn_limits();
     let mut state = VehicleState::new(start, Twist2::ZERO);
@@ -68,8 +68,10 @@ fn drive(seed: u64, fill: f64) -> Option<End> {
 
 #[test]
 fn fields_of_cylinders_are_crossed() {
+    let began = std::time::Instant::now();
     let (mut tried, mut crossed, mut times) = (0, 0, Vec::new());
-    for seed in 0..60 {
+    let seeds = std::env::var("TEB_SEEDS").map_or(60, |seeds| seeds.parse().unwrap());
+    for seed in 0..seeds {
         let fill = 0.15 + 0.025 * (seed % 7) as f64;
         match drive(seed, fill) {
             None => {}
@@ -84,6 +86,8 @@ fn fields_of_cylinders_are_crossed() {
             }
         }
     }
+    let cycles = times.iter().map(|t| t.0 / 0.05).sum::<f64>();
+    eprintln!("{:.3} ms a cycle", began.elapsed().as_secs_f64() / cycles * 1e3);
     let mean = times.iter().map(|t| t.0).sum::<f64>() / times.len() as f64;
     let slowest = times.iter().map(|t| t.0).fold(0.0, f64::max);
     let length = times.iter().map(|t| t.1).sum::<f64>() / times.len() as f64;

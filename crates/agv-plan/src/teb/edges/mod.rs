@@ -178,7 +178,7 @@ mod tests {
 
     #[test]
     fn within_the_limits_nothing_is_said() {
-        let window = [0.0, 0.0, 0.0, 1.0, 0.2, 0.0, 0.0, 1.0, 0.4, 0.0, 0.0];
+        let window = [0.0, 0.0, 0.0, 1.0, 0.2, 0.001, 0.01, 1.0, 0.4, 0.004, 0.02];
         let limits = limits();
         assert!(!check(&Speed::new(&limits, 1.0, 1.0, 1.0), &window, 1e-6));
         assert!(!check(&Acceleration::new(&limits, 1.0, 1.0), &window, 1e-6));
