@@ -1,16 +1,19 @@
 //! What local planners share.
 //!
 //! - [`Guard`]: lets no command pass that does not leave a way to brake; what makes planners safe.
+//! - [`Reference`]: what the path asks for now: drive, turn on the spot, or rest.
 //! - [`moving`]: contact with obstacles that move, each at its time.
 
 mod guard;
 pub mod moving;
+mod reference;
 
 use agv_core::{
     check,
     roles::{LocalPlanError, LocalPlanRequest},
 };
 pub use guard::{Guard, GuardParams, Verdict};
+pub use reference::{Drive, Reference, ReferenceParams, Task};
 
 /// Accepts a request that a local planner can work with: a path, finite numbers, sound limits, time that passes.
 ///
