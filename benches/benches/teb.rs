@@ -22,10 +22,10 @@ fn hall(points: usize) -> LocalMap {
     let layout = GridLayout::new(480, 160, 0.05, Se2::default()).unwrap();
     let mut costmap = Costmap::from_map(&Grid::filled(layout, CellState::Free));
     let mut stream = Seed(5).stream(0, 0);
-    let (along, aside) = (Uniform::new(2.0, 22.0).unwrap(), Uniform::new(0.35, 3.5).unwrap());
+    let (along, aside) = (Uniform::new(2.0_f64, 22.0).unwrap(), Uniform::new(0.55_f64, 3.5).unwrap());
     for i in 0..points {
         let side = if i % 2 == 0 { 1.0 } else { -1.0 };
-        let near = if i % 4 < 2 { 0.55 } else { aside.sample(&mut stream).max(0.55) };
+        let near = if i % 4 < 2 { 0.55 } else { aside.sample(&mut stream) };
         let point = Vector2::new(along.sample(&mut stream), 4.0 + side * near);
         costmap.set(layout.cell_at(&point).unwrap(), cost::LETHAL);
     }

@@ -469,7 +469,7 @@ impl Teb {
             let iterations = params.cold_iterations;
             self.par.for_each_chunk(&mut slots[1..], 1, |_, chunk| {
                 for slot in chunk.iter_mut().filter(|slot| slot.active) {
-                    if improve(slot, &problem, &task, iterations, 3).is_err() {
+                    if improve(slot, &problem, &task, iterations, 2).is_err() {
                         slot.cost = f64::INFINITY;
                     }
                 }
