@@ -1,7 +1,11 @@
 //! The line of a band: how far along it each pose lies, how it bends there, and how fast it may be driven.
 
 use super::{edges::Circle, params::TebParams};
-use agv_core::{grid::LocalMap, kinematics::MotionLimits, roles::BlockReason};
+use agv_core::{
+    grid::LocalMap,
+    kinematics::MotionLimits,
+    roles::{BlockReason, LocalPlanRequest},
+};
 use nalgebra::Vector2;
 
 /// Vehicle and surroundings that a line is driven in.
@@ -15,7 +19,16 @@ pub(super) struct Ground<'a> {
     pub(super) gear: f64,
 }
 
-impl Ground<'_> {
+impl<'a> Ground<'a> {
+    pub(super) const fn new(
+        params: &'a TebParams,
+        circles: &'a [Circle],
+        request: &LocalPlanRequest<'a>,
+        gear: f64,
+    ) -> Self {
+        Self { params, limits: request.limits, map: request.map, circles, gear }
+    }
+
     /// Whether the vehicle drives in any direction.
     pub(super) fn is_holonomic(&self) -> bool {
         self.limits.twist.lateral_speed > 0.0 && self.limits.steering.is_none()
@@ -213,7 +226,8 @@ impl Line {
         let last = self.nodes.len().saturating_sub(1);
         for segment in from..last.min(from + 4) {
             let (a, b) = (self.nodes[segment], self.nodes[segment + 1]);
-            let (line, offset) = (Vector2::new(b[0] - a[0], b[1] - a[1]), Vector2::new(position.x - a[0], position.y - a[1]));
+            let (line, offset) =
+                (Vector2::new(b[0] - a[0], b[1] - a[1]), Vector2::new(position.x - a[0], position.y - a[1]));
             let square = line.norm_squared();
             let share = if square > 0.0 { (offset.dot(&line) / square).clamp(0.0, 1.0) } else { 0.0 };
             let distance = (offset - line * share).norm_squared();

@@ -16,12 +16,14 @@ mod motion;
 mod obstacle;
 mod segment;
 mod steering;
+mod window;
 
 pub use acceleration::{Acceleration, EndSpeed};
 pub use guide::{Rotation, ViaPoint};
 pub use motion::{Duration, Length, NonHolonomic, Speed};
 pub use obstacle::{CautiousSpeed, Circle, Clearance, MovingClearance};
 pub use steering::{SteeringRate, TurningRadius};
+pub use window::{Direction, Window};
 
 /// Takes residuals as edges compute them.
 pub trait Residuals {
@@ -32,7 +34,7 @@ pub trait Residuals {
 /// Residuals of a band that depend on `K` unknowns that follow each other.
 pub trait BandEdge<const K: usize> {
     /// Says the residuals at a window of the band; those that are zero need not be said.
-    fn residuals(&self, window: &[f64; K], out: &mut impl Residuals);
+    fn residuals(&self, window: &Window<K>, out: &mut impl Residuals);
 }
 
 /// What a value is, and its derivative by each unknown of a window.
@@ -93,7 +95,7 @@ mod tests {
         let window: [f64; K] = std::array::from_fn(|i| window[i]);
         let said = |window: &[f64; K]| {
             let mut said = Said::default();
-            edge.residuals(window, &mut said);
+            edge.residuals(&Window::new(window), &mut said);
             said.0
         };
         let cost = |window: &[f64; K]| said(window).iter().map(|(r, _)| 0.5 * r * r).sum::<f64>();
