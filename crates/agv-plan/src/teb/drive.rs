@@ -1,7 +1,7 @@
 //! Following a section of the path: which bands there are, which is followed, and what of it may be done.
 
 use super::{
-    classes::{Sample, detour},
+    classes::{Sample, detour, same_way},
     line::Ground,
     planner::{Choice, Teb},
     problem::Problem,
@@ -93,6 +93,13 @@ impl Teb {
             for (slot, side) in slots[2..].iter_mut().zip([1.0, -1.0]) {
                 if params.max_detour > 0.0 && detour(samples, &ground, side, params.spacing, offsets) {
                     begin(slot, samples, Some((&offsets[..], side)), &ground, scratch);
+                }
+            }
+            // What would come to the same way again need not be optimised.
+            if current_is_free {
+                let (now, others) = slots.split_at_mut(1);
+                for slot in others {
+                    slot.active &= !now.iter().any(|now| same_way(request.map, &now.band, &slot.band));
                 }
             }
             let iterations = params.cold_iterations;

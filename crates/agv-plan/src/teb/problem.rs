@@ -206,6 +206,18 @@ impl Residuals for Sums<'_> {
             }
         }
     }
+
+    #[inline]
+    fn add_difference(&mut self, residual: f64, slope: f64, to: usize, from: Option<usize>) {
+        self.cost += residual * residual;
+        self.slope[to] += residual * slope;
+        self.block[to][to] += slope * slope;
+        if let Some(from) = from {
+            self.slope[from] -= residual * slope;
+            self.block[from][from] += slope * slope;
+            self.block[from.min(to)][from.max(to)] -= slope * slope;
+        }
+    }
 }
 
 impl Sums<'_> {

@@ -29,6 +29,10 @@ pub use window::{Direction, Window};
 pub trait Residuals {
     /// A residual, its weight's root included, and its derivative by each unknown of the window.
     fn add<const K: usize>(&mut self, residual: f64, gradient: &[f64; K]);
+
+    /// A residual that depends on one unknown of its window, or on the difference of two: `slope` times the derivative by the
+    /// one at `to`, and its negative by the one at `from`, if there is one.
+    fn add_difference(&mut self, residual: f64, slope: f64, to: usize, from: Option<usize>);
 }
 
 /// Residuals of a band that depend on `K` unknowns that follow each other.
@@ -86,6 +90,13 @@ mod tests {
     impl Residuals for Said {
         fn add<const K: usize>(&mut self, residual: f64, gradient: &[f64; K]) {
             self.0.push((residual, gradient.to_vec()));
+        }
+
+        fn add_difference(&mut self, residual: f64, slope: f64, to: usize, from: Option<usize>) {
+            let mut gradient = vec![0.0; 11];
+            gradient[to] = slope;
+            from.into_iter().for_each(|from| gradient[from] = -slope);
+            self.0.push((residual, gradient));
         }
     }
 

@@ -14,7 +14,7 @@ impl BandEdge<7> for Duration {
     #[inline]
     fn residuals(&self, window: &Window<7>, out: &mut impl Residuals) {
         let root = self.weight.sqrt();
-        out.add(root * window.unknowns[3], &[0.0, 0.0, 0.0, root, 0.0, 0.0, 0.0]);
+        out.add_difference(root * window.unknowns[3], root, 3, None);
     }
 }
 
@@ -29,8 +29,8 @@ impl BandEdge<7> for Length {
     #[inline]
     fn residuals(&self, window: &Window<7>, out: &mut impl Residuals) {
         let root = self.weight.sqrt();
-        out.add(root * (window.unknowns[4] - window.unknowns[0]), &[-root, 0.0, 0.0, 0.0, root, 0.0, 0.0]);
-        out.add(root * (window.unknowns[5] - window.unknowns[1]), &[0.0, -root, 0.0, 0.0, 0.0, root, 0.0]);
+        out.add_difference(root * (window.unknowns[4] - window.unknowns[0]), root, 4, Some(0));
+        out.add_difference(root * (window.unknowns[5] - window.unknowns[1]), root, 5, Some(1));
     }
 }
 
