@@ -86,7 +86,7 @@ impl Teb {
             improve(slot, &problem, &task, params.warm_iterations, 1)?;
             current = Some(0);
         }
-        let current_is_free = current.is_some_and(|i| slots[i].rollout.is_free());
+        let current_is_free = current.is_some_and(|i| slots[i].is_passable());
         self.blocked = if current_is_free { 0 } else { self.blocked + 1 };
         if !current_is_free || changed || self.cycle.is_multiple_of(EXPLORE_EVERY) {
             begin(&mut slots[1], samples, None, &ground, scratch);

@@ -94,7 +94,7 @@ pub struct TebPlan<'a> {
     pub command: LocalCommand,
     /// The motion that begins with the command and ends at rest.
     pub trajectory: &'a Trajectory,
-    /// Whether that touches nothing.
+    /// Whether that leads all the way and touches nothing.
     pub is_free: bool,
     /// The band that it follows; none while the vehicle turns or stops.
     pub band: Option<&'a Band>,
@@ -207,16 +207,19 @@ impl Teb {
             self.decide(&request, changed)?
         };
         let ways = self.slots.iter().filter(|slot| slot.active).count();
-        let (rollout, band, report) = match choice {
-            Choice::Follow(i) => (&self.slots[i].rollout, Some(&self.slots[i].band), self.slots[i].report),
-            Choice::Hold => (&self.hold, None, BandReport::default()),
+        let (rollout, band, report, is_free) = match choice {
+            Choice::Follow(i) => {
+                let slot = &self.slots[i];
+                (&slot.rollout, Some(&slot.band), slot.report, slot.is_passable() && slot.rollout.is_free())
+            }
+            Choice::Hold => (&self.hold, None, BandReport::default(), self.hold.is_free()),
         };
         let motion = match rollout.first() {
             Some(motion) => motion,
             None => request.limits.brake(&request.state.motion(), request.dt)?,
         };
         let command = LocalCommand { motion, status };
-        Ok(TebPlan { command, trajectory: rollout.trajectory(), is_free: rollout.is_free(), band, report, ways })
+        Ok(TebPlan { command, trajectory: rollout.trajectory(), is_free, band, report, ways })
     }
 
     /// Takes the path if it is another one; says whether it was.

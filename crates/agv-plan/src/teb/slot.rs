@@ -13,7 +13,9 @@ use nalgebra::Vector2;
 use std::f64::consts::PI;
 
 /// Cycles after which a way that is blocked is given up for another.
-const PATIENCE: u32 = 4;
+const PATIENCE: u32 = 8;
+/// How much farther another way must lead to be taken instead of one that is blocked, in metres.
+const LEAST_GAIN: f64 = 0.3;
 /// Cost, in seconds, of ways that are blocked; less by what of them is free, in metres.
 const BLOCKED: f64 = 1e5;
 
@@ -134,23 +136,28 @@ pub(super) fn choose(
     blocked: u32,
     map: &LocalMap,
 ) -> Option<usize> {
-    let others = slots.iter().enumerate().filter(|(i, slot)| slot.active && Some(*i) != current);
-    let best = others.min_by(|a, b| a.1.cost.total_cmp(&b.1.cost)).map(|(i, _)| i);
-    let (Some(now), Some(other)) = (current, best) else { return current.or(best) };
-    let (present, best) = (&slots[now], &slots[other]);
-    let better = if present.is_passable() {
-        best.is_passable() && best.cost < switch_share * present.cost && !same_way(map, &present.band, &best.band)
-    } else {
-        // The same way found anew may be taken at once.
-        best.is_passable() && (blocked >= PATIENCE || same_way(map, &present.band, &best.band))
-            || best.cost < present.cost - 0.3 && blocked >= PATIENCE
-    };
-    Some(if better { other } else { now })
+    let others = || slots.iter().enumerate().filter(|(i, slot)| slot.active && Some(*i) != current);
+    let cheapest = |a: &(usize, &Slot), b: &(usize, &Slot)| a.1.cost.total_cmp(&b.1.cost);
+    let Some(now) = current else { return others().min_by(cheapest).map(|(i, _)| i) };
+    let present = &slots[now];
+    let is_same = |slot: &Slot| same_way(map, &present.band, &slot.band);
+    if present.is_passable() {
+        let enough = switch_share * present.cost;
+        let better = others().filter(|(_, slot)| slot.cost < enough && !is_same(slot)).min_by(cheapest);
+        return Some(better.map_or(now, |(i, _)| i));
+    }
+    // The same way found anew is taken at once.
+    let anew = others().filter(|(_, slot)| slot.is_passable() && is_same(slot)).min_by(cheapest);
+    if let Some((again, _)) = anew {
+        return Some(again);
+    }
+    let better = others().filter(|(_, slot)| slot.cost < present.cost - LEAST_GAIN).min_by(cheapest);
+    Some(better.filter(|_| blocked >= PATIENCE).map_or(now, |(i, _)| i))
 }
 
 impl Slot {
     /// Whether the whole way can be driven.
-    fn is_passable(&self) -> bool {
+    pub(super) fn is_passable(&self) -> bool {
         self.cost < BLOCKED
     }
 }
