@@ -120,3 +120,72 @@ impl BandSolver {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::teb::{TebParams, edges::Circle};
+    use agv_core::{
+        geometry::{Se2, Twist2},
+        grid::{Cell, CellState, Costmap, Footprint, Grid, GridLayout, LocalMap, LocalMapParams, cost},
+        kinematics::MotionLimits,
+    };
+    use nalgebra::Vector2;
+
+    /// A straight band of poses a spacing apart, far too slow.
+    fn straight() -> Band {
+        let mut band = Band::new();
+        for i in 0..20 {
+            band.push(Vector2::new(1.0 + 0.15 * f64::from(i), 2.0), 0.0, 0.5);
+        }
+        band
+    }
+
+    fn solve(obstacle: Option<Cell>, via: &[Vector2<f64>]) -> (Band, BandReport) {
+        let layout = GridLayout::new(100, 80, 0.05, Se2::default()).unwrap();
+        let mut costmap = Costmap::from_map(&Grid::filled(layout, CellState::Free));
+        if let Some(cell) = obstacle {
+            costmap.set(cell, cost::LETHAL);
+        }
+        let map = LocalMap::new(&costmap, LocalMapParams::default()).unwrap();
+        let params = TebParams::for_footprint(Footprint::circle(0.2).unwrap());
+        let limits = MotionLimits::default();
+        let problem = Problem {
+            params: &params,
+            limits: &limits,
+            map: &map,
+            circles: &[Circle { center: Vector2::zeros(), radius: 0.2 }],
+            obstacles: &[],
+            gear: 1.0,
+            start: Twist2::new(1.0, 0.0, 0.0),
+            stops: false,
+            goal_heading: true,
+            via,
+            rotation: 0.0,
+        };
+        let mut band = straight();
+        let report = BandSolver::default().solve(&problem, &mut band, 100);
+        (band, report)
+    }
+
+    #[test]
+    fn a_free_band_is_driven_at_about_the_greatest_speed() {
+        let (band, report) = solve(None, &[]);
+        assert!(report.converged && report.cost[1] < 0.5 * report.cost[0], "{report:?}");
+        assert_eq!((band.pose(0), band.pose(19)), (straight().pose(0), straight().pose(19)));
+        let speed = band.length() / band.duration();
+        assert!((0.8..1.2).contains(&speed), "{speed}");
+        assert!((0..20).all(|i| (band.pose(i).unwrap().y() - 2.0).abs() < 1e-9));
+    }
+
+    /// Half a cell off its middle, so that it knows where to go.
+    #[test]
+    fn a_band_gives_way_to_a_post_and_bends_to_a_point() {
+        let (band, _) = solve(Some(Cell::new(50, 39)), &[]);
+        let post = Vector2::new(2.525, 1.975);
+        let nearest = (0..20).map(|i| (band.pose(i).unwrap().translation() - post).norm()).fold(9.0, f64::min);
+        assert!(nearest > 0.2 + 0.025, "{nearest}");
+        let (pulled, _) = solve(None, &[Vector2::new(2.5, 2.4)]);
+        assert!((0..20).any(|i| pulled.pose(i).unwrap().y() > 2.005));
+    }
+}

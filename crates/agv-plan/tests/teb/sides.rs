@@ -38,7 +38,7 @@ fn a_symmetrical_obstacle_is_passed_on_one_side() {
         for cycle in 0..300 {
             let mut draw = || noise.sample(&mut stream);
             // Seen from somewhat nearer in every cycle, in the middle up to the noise.
-            if cycle % 2 == 0 {
+            if cycle % 4 == 0 {
                 redraw(&mut costmap, &clear, Vector2::new(4.5 + draw(), 3.0 + draw()));
                 map.update(&costmap).unwrap();
             }
