@@ -191,8 +191,16 @@ impl Footprint {
     }
 
     /// Circles that cover it: centres in the base frame and radii, in metres. None for a circle around the origin.
-    pub(super) fn cover(&self) -> &[(Vector2<f64>, f64)] {
+    pub fn cover(&self) -> &[(Vector2<f64>, f64)] {
         self.cover.circles()
+    }
+
+    /// Circles that hold all of it together, centres in the base frame and radii in metres: at most eight, to be looked up in a
+    /// distance field.
+    pub fn covering_circles(&self) -> impl Iterator<Item = (Vector2<f64>, f64)> + '_ {
+        let own = self.circles().map(|(x, radius)| (Vector2::new(x, 0.0), radius));
+        // The cover of two circles is themselves.
+        own.take(if self.cover().is_empty() { usize::MAX } else { 0 }).chain(self.cover().iter().copied())
     }
 
     /// The vertices of a polygon in the base frame, counter-clockwise, or the ends of a segment; none for circles.
