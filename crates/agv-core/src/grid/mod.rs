@@ -25,6 +25,7 @@ mod revision;
 mod scan_insertion;
 mod thresholds;
 mod traversal;
+mod window;
 
 pub use cells::{CellState, Grid};
 pub use collision::{CollisionChecker, CollisionParams, ObstacleMap};
