@@ -32,6 +32,8 @@ pub struct TrackedObstacle {
     pub moving: bool,
     /// Scans that showed it.
     pub hits: u32,
+    /// Seconds since the last of them.
+    pub unseen_for: f64,
 }
 
 /// Tracks obstacles through the scans of one or more lasers, and tells what moves.
@@ -91,6 +93,8 @@ pub struct ObstacleTracker {
     scan: LaserScan,
     present: View,
     deskew: Deskew,
+    /// Scans of lasers that sweep, as if taken at once: one for each.
+    flat: Vec<LaserScan>,
     clusters: ScanClusters,
     /// Outlines of the clusters that are small enough, and which clusters these are.
     outlines: Vec<(usize, Outline)>,
@@ -128,6 +132,7 @@ impl ObstacleTracker {
             present: View::new(Stamp::default(), &Se2::default(), &scan),
             scan,
             deskew: Deskew::default(),
+            flat: Vec::new(),
             clusters: ScanClusters::new(params.clusters)?,
             outlines: Vec::new(),
             assignment: Assignment::default(),
@@ -211,12 +216,14 @@ impl ObstacleTracker {
 
     /// All that is followed, moving or not.
     pub fn tracks(&self) -> impl Iterator<Item = TrackedObstacle> + '_ {
-        self.tracks.iter().map(|track| TrackedObstacle {
+        let now = self.now.unwrap_or_default();
+        self.tracks.iter().map(move |track| TrackedObstacle {
             obstacle: track.obstacle(),
             covariance: *track.filter.covariance(),
             radius_sigma: track.radius.1.sqrt(),
             moving: track.moving,
             hits: track.hits,
+            unseen_for: now - track.seen,
         })
     }
 
@@ -245,10 +252,18 @@ impl ObstacleTracker {
             return Ok(());
         }
         let geometry = ScanGeometry { time_increment: 0.0, ..*scan.geometry() };
-        if *self.scan.geometry() != geometry || self.scan.len() != scan.len() {
-            self.scan = LaserScan::new(scan.stamp(), geometry, vec![f32::NAN; scan.len()])?;
+        let known = self.flat.iter().position(|flat| *flat.geometry() == geometry && flat.len() == scan.len());
+        let index = known.unwrap_or(self.flat.len());
+        if known.is_none() {
+            self.flat.retain(|flat| flat.sensor() != scan.sensor());
+            self.flat.push(LaserScan::new(scan.stamp(), geometry, vec![f32::NAN; scan.len()])?);
         }
-        self.deskew.scan_into(scan, motion, &mut self.scan)
+        let last = self.flat.len().saturating_sub(1);
+        if let Some(flat) = self.flat.get_mut(index.min(last)) {
+            self.deskew.scan_into(scan, motion, flat)?;
+            self.scan.copy_masked(flat, |_| true);
+        }
+        Ok(())
     }
 
     /// Finds the outlines in the scan.
