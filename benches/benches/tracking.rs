@@ -73,7 +73,7 @@ fn tracking(criterion: &mut Criterion) {
         .collect();
     let mut assignment = Assignment::default();
     assignment.solve(60, 60, 14.0, pairs.iter().copied());
-    assert!(assignment.column_of().iter().all(Option::is_some));
+    assert!(assignment.column_of().iter().flatten().count() > 50);
     group.throughput(Throughput::Elements(60));
     group.bench_function("assignment/60x60", |b| {
         b.iter(|| assignment.solve(60, 60, 14.0, black_box(&pairs).iter().copied()));

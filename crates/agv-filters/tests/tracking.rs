@@ -307,7 +307,7 @@ fn two_lasers_and_a_map_make_no_difference() {
             for (beam, (angle, _)) in scan.beams().enumerate().filter(|(beam, _)| tracker.is_moving_beam(*beam)) {
                 let at = (pose * scan.geometry().base_from_sensor)
                     .act(&(Vector2::new(angle.cos(), angle.sin()) * f64::from(scan.ranges()[beam])));
-                assert!((at - mover.position).norm() < 0.5, "{time} {beam}");
+                assert!((at - mover.position).norm() < 0.6, "{time} {beam}");
             }
         }
     }
@@ -371,7 +371,9 @@ fn a_stored_tracker_goes_on_with_the_same_bits() {
         let scan = laser
             .scan(&Populated { world: &room, obstacles: &[mover] }, &pose, &Twist2::ZERO, Stamp::from_seconds(time))
             .unwrap();
-        trackers.iter_mut().for_each(|tracker| _ = tracker.update(scan, &pose).unwrap());
+        for tracker in trackers {
+            tracker.update(scan, &pose).unwrap();
+        }
     };
     for cycle in 0..50 {
         see(cycle, &mut [&mut tracker]);

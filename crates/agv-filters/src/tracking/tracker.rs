@@ -108,6 +108,9 @@ pub struct ObstacleTracker {
 /// Most seconds by which a scan may be older than the last.
 const LATE: f64 = 0.1;
 
+/// Distance from what moves within which a hit belongs to it, in metres.
+const STRAY: f64 = 0.1;
+
 /// Seconds after which a track that should be in sight, and is not, is given up.
 const GIVE_UP: f64 = 0.25;
 
@@ -199,13 +202,14 @@ impl ObstacleTracker {
         self.now = Some(now);
         self.present.retake(now, map_from_base, &self.scan);
         let (model, coast_time) = (self.model, self.params.coast_time);
-        self.tracks.retain_mut(|track| now - track.seen <= coast_time && track.predict(&model, dt));
+        self.tracks.retain_mut(|track| now - track.seen <= coast_time && track.predict(model, dt));
         self.see(map_from_base);
         self.associate(map_from_base, now, dt);
         self.judge(now);
         self.views.remember(now, map_from_base, &self.scan, self.params.memory);
         self.obstacles.clear();
         self.obstacles.extend(self.tracks.iter().filter(|track| track.moving).map(Track::obstacle));
+        self.mark_strays();
         Ok(&self.obstacles)
     }
 
@@ -232,7 +236,8 @@ impl ObstacleTracker {
         &self.scan
     }
 
-    /// Whether a beam of [`scan`](Self::scan) ended on something that moves: it should not be marked in a map of what stands.
+    /// Whether a beam of [`scan`](Self::scan) ended on something that moves, or within 0.1 m of it: it should not be marked in a
+    /// map of what stands.
     pub fn is_moving_beam(&self, beam: usize) -> bool {
         self.moving_beams.get(beam).copied().unwrap_or(false)
     }
@@ -334,6 +339,15 @@ impl ObstacleTracker {
             if let Some(track) = Track::new(ObstacleId(self.next_id), outline, points, now, params) {
                 self.next_id += 1;
                 tracks.push(track);
+            }
+        }
+    }
+
+    /// Beams that graze a thing's edge are often in none of its clusters.
+    fn mark_strays(&mut self) {
+        for (point, &beam) in self.clusters.points().iter().zip(self.clusters.beams()) {
+            if let Some(moving) = self.moving_beams.get_mut(beam) {
+                *moving |= self.obstacles.iter().any(|obstacle| obstacle.distance_after(0.0, point) < STRAY);
             }
         }
     }
