@@ -12,6 +12,7 @@ mod particle_models;
 mod planning;
 #[path = "../scenes/mod.rs"]
 mod scenes;
+mod seeing;
 mod sensors;
 mod simulation;
 mod tracking;
