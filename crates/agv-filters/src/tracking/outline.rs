@@ -73,10 +73,7 @@ impl Outline {
         };
         let (known, variance) = radius.unwrap_or(guess);
         let disc = Self::disc(points, &(mean, sight), sigma, (known.max(1e-3), variance.max(1e-6)));
-        // A flat front is a piece of a far greater disc; of a disc as large as it looks the whole width is in sight.
-        let greatest = if some_hidden { 4.0 } else { 1.5 } * seen + 2.0 * sigma;
-        let is_round = |(disc, rms): &(Self, f64)| *rms <= ROUND && disc.radius <= greatest;
-        disc.filter(is_round).map(|(disc, _)| disc).or_else(|| {
+        disc.filter(|(_, rms)| *rms <= ROUND).map(|(disc, _)| disc).or_else(|| {
             let (near, far) = reach(&sight);
             let center = mean + across * (0.5 * (left + right)) + sight * (0.5 * (near + far));
             let slack = 0.03 + 0.15 * half + if some_hidden { half } else { 0.0 };
