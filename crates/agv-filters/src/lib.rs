@@ -14,6 +14,8 @@
 //! [`Localizer`](agv_core::roles::Localizer) and [`Correct`](agv_core::roles::Correct); [`particle::Amcl`] adapts the number of
 //! particles and finds a vehicle that may be anywhere, or was carried away.
 //!
+//! [`tracking`] finds what moves around the vehicle: [`tracking::ObstacleTracker`].
+//!
 //! [`marker`] turns codes and landmarks into poses: [`marker::CodeReader`] locates floor codes in an image,
 //! [`marker::MarkerLocalizer`] makes a pose of them that a Kalman filter takes.
 //!
@@ -29,3 +31,4 @@ pub mod kalman;
 pub mod landmark;
 pub mod marker;
 pub mod particle;
+pub mod tracking;
