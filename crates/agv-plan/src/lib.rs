@@ -17,6 +17,7 @@ pub mod aco;
 mod error;
 pub mod grid;
 pub mod hybrid;
+pub mod local;
 pub mod smooth;
 
 pub use error::Error;

@@ -1,0 +1,118 @@
+//! What to do where neither planner knows a way: small motions that are checked, and another look.
+
+use super::NavigationRequest;
+use crate::Error;
+use agv_core::{
+    geometry::{LieGroup, Se2, Twist2, wrap_angle},
+    grid::Footprint,
+    kinematics::Motion,
+    path::Path,
+};
+
+/// A recovery behaviour.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+#[non_exhaustive]
+pub enum Recovery {
+    /// Stands while the surroundings are forgotten and seen anew.
+    LookAgain,
+    /// Turns on the spot to where the path leads.
+    Rotate,
+    /// Drives back a little, as far as that is free.
+    BackOff,
+}
+
+/// A behaviour that is under way.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Behaviour {
+    kind: Recovery,
+    start: Se2,
+    /// Heading to turn to, in radians.
+    heading: f64,
+    /// Seconds since it began.
+    time: f64,
+}
+
+/// Longest a behaviour takes, in seconds.
+const LONGEST: f64 = 3.0;
+/// How long a vehicle stands to look again, in seconds: some scans.
+const LOOK: f64 = 0.3;
+/// Way back, in metres; half as much again in each further round.
+const BACK: f64 = 0.3;
+/// Speed of a recovery, in metres per second and radians per second.
+const SPEED: f64 = 0.3;
+const TURN_RATE: f64 = 1.0;
+
+impl Behaviour {
+    /// The behaviour that follows `before` others without progress.
+    pub(super) fn new(before: u32, request: &NavigationRequest<'_>, path: &Path) -> Self {
+        let kind = match before % 3 {
+            0 => Recovery::Rotate,
+            1 => Recovery::BackOff,
+            _ => Recovery::LookAgain,
+        };
+        let start = request.state.map_from_base;
+        // Where the path is half a metre on, or the first look if there is none: all around, a third of a turn each time.
+        let ahead = path.points().iter().map(|point| point.pose.translation() - start.translation());
+        let heading =
+            ahead.skip_while(|way| way.norm() < 0.5).map(|way| way.y.atan2(way.x)).next().unwrap_or(start.yaw() + 2.0);
+        Self { kind, start, heading, time: 0.0 }
+    }
+
+    pub(super) const fn kind(&self) -> Recovery {
+        self.kind
+    }
+
+    /// Whether the caller should forget the surroundings now.
+    pub(super) fn forgets_map(&self) -> bool {
+        self.kind == Recovery::LookAgain && self.time == 0.0
+    }
+
+    /// The next motion; none when it is done.
+    pub(super) fn motion(
+        &mut self,
+        request: &NavigationRequest<'_>,
+        footprint: &Footprint,
+    ) -> Result<Option<Motion>, Error> {
+        let (now, dt, limits) = (request.state.motion(), request.dt, request.limits);
+        self.time += dt;
+        let rest = limits.brake(&now, dt)?;
+        let stands = now.twist == Twist2::ZERO;
+        if self.time > LONGEST && stands {
+            return Ok(None);
+        }
+        let wish = match self.kind {
+            Recovery::LookAgain if self.time > LOOK => return Ok(None),
+            Recovery::LookAgain => Twist2::ZERO,
+            Recovery::Rotate => {
+                let error = wrap_angle(self.heading - request.state.map_from_base.yaw());
+                if error.abs() < 0.1 || limits.steering.is_some() {
+                    Twist2::ZERO
+                } else {
+                    Twist2::new(0.0, 0.0, error.signum() * TURN_RATE.min(2.0 * error.abs()))
+                }
+            }
+            Recovery::BackOff => {
+                let back = -self.start.between(&request.state.map_from_base).x();
+                if back >= BACK { Twist2::ZERO } else { Twist2::new(-SPEED, 0.0, 0.0) }
+            }
+        };
+        if wish == Twist2::ZERO || self.time > LONGEST {
+            let is_done = stands && self.kind != Recovery::LookAgain;
+            return Ok((!is_done).then_some(rest));
+        }
+        let motion = limits.step(&now, &wish.into(), dt)?;
+        // Far enough ahead to stop.
+        let twist = motion.twist;
+        let stop =
+            dt + (twist.vx.abs() / limits.twist.deceleration).max(twist.yaw_rate.abs() / limits.twist.yaw_acceleration);
+        let in_the_way = request.map.collides_along(footprint, &request.state.map_from_base, &twist, stop)?
+            || request.obstacles.iter().any(|obstacle| {
+                let distance = obstacle.distance_after(0.0, &request.state.map_from_base.translation());
+                distance < footprint.circumscribed_radius() + 0.2
+            });
+        if in_the_way {
+            return Ok((!stands).then_some(rest));
+        }
+        Ok(Some(motion))
+    }
+}
