@@ -41,6 +41,9 @@ fn draw_one(out: &Path, trial: &Trial, run: &Run) -> Result<()> {
     for obstacle in &run.obstacles {
         scene = scene.line("", Color::Purple, circle(&obstacle.position, obstacle.radius));
     }
+    if !trial.reference.is_empty() {
+        scene = scene.line("the set's path", Color::Grey, trial.reference.iter().copied());
+    }
     if let Some(first) = run.paths.first() {
         scene = scene.line("first path", Color::Sky, first.iter().copied());
     }

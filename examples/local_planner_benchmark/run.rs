@@ -144,7 +144,8 @@ fn one(trial: &Trial, planner: Planner, v_max: f64, seed: Seed) -> Result<Run> {
             run.sight.time(|| sight.look(&scan, &believed))?;
             navigation
                 .cycle(NavigationRequest {
-                    state: VehicleState::new(believed, motion.twist),
+                    // The vehicle ramps where planners take commands as steps: half a cycle ahead both come to the same.
+                    state: VehicleState::new(believed * motion.twist.integrate(0.5 * CYCLE), motion.twist),
                     map: sight.map(),
                     obstacles: sight.obstacles(),
                     limits: &limits,

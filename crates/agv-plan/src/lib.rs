@@ -6,6 +6,7 @@
 //!   open for use on their own.
 //! - [`hybrid`]: [`HybridAStar`](hybrid::HybridAStar) for vehicles with a turning circle, which plays `GlobalPlanner` too, and
 //!   the curves of Dubins and of Reeds and Shepp.
+//! - [`local`]: what local planners share: the guard that keeps them safe, and what the path asks for.
 //! - [`smooth`]: what turns a path of cells into one that a vehicle likes to follow.
 //!
 //! Features: `rayon` (parallel loops, on by default) and `serde` (parameters round-trip).

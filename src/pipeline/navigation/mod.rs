@@ -17,7 +17,7 @@ mod status;
 use crate::Error;
 use agv_core::{
     check,
-    geometry::Se2,
+    geometry::{Se2, Twist2},
     grid::{Footprint, LocalMap},
     kinematics::{Motion, MotionLimits},
     obstacle::MovingObstacle,
@@ -72,6 +72,8 @@ pub struct Navigation {
     behaviour: Option<Behaviour>,
     /// Recovery behaviours that were begun since the last progress.
     recoveries: u32,
+    /// Escapes among them: these go first, and are counted apart.
+    escapes: u32,
     /// Seconds since the last plan.
     since_plan: f64,
     /// Seconds for which a moving obstacle has been in the way.
@@ -106,6 +108,7 @@ impl Navigation {
             progress: Progress::default(),
             behaviour: None,
             recoveries: 0,
+            escapes: 0,
             since_plan: f64::INFINITY,
             waited: 0.0,
             no_path: None,
@@ -124,7 +127,7 @@ impl Navigation {
         self.route.clear();
         self.progress = Progress::default();
         (self.behaviour, self.ended, self.blocked, self.no_path) = (None, None, None, None);
-        (self.recoveries, self.since_plan, self.waited) = (0, f64::INFINITY, 0.0);
+        (self.recoveries, self.escapes, self.since_plan, self.waited) = (0, 0, f64::INFINITY, 0.0);
         Ok(())
     }
 
@@ -159,7 +162,7 @@ impl Navigation {
         self.since_plan += request.dt;
         let moved_on = self.progress.update(&request.state.map_from_base, request.dt, self.params.progress_distance);
         if moved_on && self.behaviour.is_none() {
-            self.recoveries = 0;
+            (self.recoveries, self.escapes) = (0, 0);
         }
         if let Some(command) = self.recover(&request)? {
             return Ok(command);
@@ -181,9 +184,10 @@ impl Navigation {
             return Ok(Some(NavigationCommand { motion, status, forget_map, planned: false }));
         }
         self.behaviour = None;
-        self.since_plan = f64::INFINITY;
-        self.progress = Progress::default();
-        self.waited = 0.0;
+        (self.since_plan, self.waited) = (f64::INFINITY, 0.0);
+        if kind != Recovery::Escape {
+            self.progress = Progress::default();
+        }
         Ok(None)
     }
 
@@ -256,7 +260,14 @@ impl Navigation {
                 return answer(NavigationStatus::Waiting(BlockReason::MovingObstacle));
             }
             LocalPlanStatus::Blocked(reason) => self.blocked = Some(reason),
-            LocalPlanStatus::InCollision => self.blocked = Some(BlockReason::Obstacle),
+            LocalPlanStatus::InCollision => {
+                self.blocked = Some(BlockReason::Obstacle);
+                if request.state.twist == Twist2::ZERO && self.escapes < self.params.recoveries {
+                    self.escapes += 1;
+                    self.behaviour = Some(Behaviour::escape(request));
+                    return answer(NavigationStatus::Recovering(Recovery::Escape));
+                }
+            }
             _ => self.waited = 0.0,
         }
         let patience = if self.blocked.is_some() { self.params.blocked_time } else { self.params.progress_time };

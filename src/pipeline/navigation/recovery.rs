@@ -6,6 +6,7 @@ use agv_core::{
     geometry::{LieGroup, Se2, Twist2, wrap_angle},
     grid::Footprint,
     kinematics::Motion,
+    nalgebra::Vector2,
     path::Path,
 };
 
@@ -19,6 +20,8 @@ pub enum Recovery {
     Rotate,
     /// Drives back a little, as far as that is free.
     BackOff,
+    /// Creeps to where there is more room, out of a place in which the outline touches something.
+    Escape,
 }
 
 /// A behaviour that is under way.
@@ -41,6 +44,10 @@ const BACK: f64 = 0.3;
 /// Speed of a recovery, in metres per second and radians per second.
 const SPEED: f64 = 0.3;
 const TURN_RATE: f64 = 1.0;
+/// How far ahead a way out is looked at, in seconds.
+const CREEP: f64 = 0.3;
+/// Least room that a way out gains, in metres.
+const GAIN: f64 = 1e-3;
 
 impl Behaviour {
     /// The behaviour that follows `before` others without progress.
@@ -56,6 +63,11 @@ impl Behaviour {
         let heading =
             ahead.skip_while(|way| way.norm() < 0.5).map(|way| way.y.atan2(way.x)).next().unwrap_or(start.yaw() + 2.0);
         Self { kind, start, heading, time: 0.0 }
+    }
+
+    /// The way out of a contact.
+    pub(super) fn escape(request: &NavigationRequest<'_>) -> Self {
+        Self { kind: Recovery::Escape, start: request.state.map_from_base, heading: 0.0, time: 0.0 }
     }
 
     pub(super) const fn kind(&self) -> Recovery {
@@ -81,6 +93,7 @@ impl Behaviour {
             return Ok(None);
         }
         let wish = match self.kind {
+            Recovery::Escape => return self.creep(request, footprint),
             Recovery::LookAgain if self.time > LOOK => return Ok(None),
             Recovery::LookAgain => Twist2::ZERO,
             Recovery::Rotate => {
@@ -115,4 +128,38 @@ impl Behaviour {
         }
         Ok(Some(motion))
     }
+
+    /// The slow motion that gains most room; none once nothing is touched, or no motion gains any.
+    fn creep(&self, request: &NavigationRequest<'_>, footprint: &Footprint) -> Result<Option<Motion>, Error> {
+        let (here, now, dt) = (request.state.map_from_base, request.state.motion(), request.dt);
+        let is_over = self.time > LONGEST || !request.map.collides(footprint, &here)?;
+        let before = room(request, footprint, &here);
+        let mut best = (GAIN, None);
+        for vx in [-SPEED, 0.0, SPEED] {
+            for yaw_rate in [-TURN_RATE, 0.0, TURN_RATE] {
+                let turns = yaw_rate == 0.0 || request.limits.steering.is_none();
+                let twist = Twist2::new(vx, 0.0, yaw_rate);
+                let gain = room(request, footprint, &(here * twist.integrate(CREEP))) - before;
+                if turns && gain > best.0 {
+                    best = (gain, Some(twist));
+                }
+            }
+        }
+        match best.1.filter(|_| !is_over) {
+            Some(twist) => Ok(Some(request.limits.step(&now, &twist.into(), dt)?)),
+            None if now.twist == Twist2::ZERO => Ok(None),
+            None => Ok(Some(request.limits.brake(&now, dt)?)),
+        }
+    }
+}
+
+/// Least distance of the outline from an obstacle's centre, in metres.
+fn room(request: &NavigationRequest<'_>, footprint: &Footprint, pose: &Se2) -> f64 {
+    const PIECES: usize = 4;
+    let distance = |point: &Vector2<f64>| request.map.distance_at(&(*pose * *point)).map_or(f64::INFINITY, |(d, _)| d);
+    let circles = footprint.circles().map(|(x, radius)| distance(&Vector2::new(x, 0.0)) - radius);
+    let vertices = footprint.vertices().unwrap_or_default();
+    let edges = vertices.iter().zip(vertices.iter().cycle().skip(1));
+    let outline = edges.flat_map(|(a, b)| (0..PIECES).map(move |k| a + (b - a) * (k as f64 / PIECES as f64)));
+    outline.map(|point| distance(&point)).chain(circles).fold(f64::INFINITY, f64::min)
 }

@@ -194,6 +194,14 @@ impl Footprint {
         self.cover.circles()
     }
 
+    /// Circles that hold all of it together, centres in the base frame and radii in metres: at most eight, to be looked up in a
+    /// distance field.
+    pub fn covering_circles(&self) -> impl Iterator<Item = (Vector2<f64>, f64)> + '_ {
+        let own = self.circles().map(|(x, radius)| (Vector2::new(x, 0.0), radius));
+        // The cover of two circles is themselves.
+        own.take(if self.cover().is_empty() { usize::MAX } else { 0 }).chain(self.cover().iter().copied())
+    }
+
     /// The vertices of a polygon in the base frame, counter-clockwise, or the ends of a segment; none for circles.
     pub fn vertices(&self) -> Option<&[Vector2<f64>]> {
         match &self.shape {

@@ -10,8 +10,10 @@
 //! What the tracker says is scaled to that, on its own curvature; a command is returned only if it can be driven, and braked from,
 //! without a contact. It is the yardstick of local planners: what it reaches is what the global planner is worth alone.
 
+use super::{Guard, GuardParams, check_request};
+use crate::Error;
 use agv_core::{
-    Error, check,
+    check,
     geometry::{LieGroup, Se2, Twist2},
     grid::Footprint,
     kinematics::{Motion, stopping_speed},
@@ -48,7 +50,7 @@ impl Default for TrackedParams {
 #[derive(Debug, Clone)]
 pub struct Tracked<T> {
     tracker: T,
-    footprint: Footprint,
+    guard: Guard,
     params: TrackedParams,
     path: Path,
     /// Whether the tracker took the path; if not, it has no length.
@@ -67,7 +69,8 @@ impl<T: PathTracker> Tracked<T> {
         check::positive("look_ahead", params.look_ahead)?;
         check::positive("spacing", params.spacing)?;
         check::in_range("stopping_share", params.stopping_share, 0.01, 1.0)?;
-        Ok(Self { tracker, footprint, params, path: Path::new(), is_tracked: false, next: 0 })
+        let guard = Guard::new(footprint, GuardParams::default())?;
+        Ok(Self { tracker, guard, params, path: Path::new(), is_tracked: false, next: 0 })
     }
 
     /// Hands a new path to the tracker.
@@ -91,7 +94,7 @@ impl<T: PathTracker> Tracked<T> {
 
     /// Length of the path from the vehicle to the first place where its outline touches something, in metres, and whether that
     /// moves; at most the look-ahead.
-    fn free_length(&mut self, request: &LocalPlanRequest<'_>) -> Result<(f64, Option<BlockReason>), Error> {
+    fn free_length(&mut self, request: &LocalPlanRequest<'_>) -> Result<(f64, Option<BlockReason>), LocalPlanError> {
         let here = request.state.map_from_base.translation();
         let points = self.path.points();
         // On from the segment that was nearest, as far as it gets nearer.
@@ -126,7 +129,7 @@ impl<T: PathTracker> Tracked<T> {
                 if at < self.params.spacing {
                     continue;
                 }
-                if request.map.collides(&self.footprint, &pose)? {
+                if request.map.collides(self.guard.footprint(), &pose)? {
                     return Ok((at, Some(BlockReason::Obstacle)));
                 }
                 if self.meets(request, &pose, at / speed) {
@@ -141,43 +144,20 @@ impl<T: PathTracker> Tracked<T> {
 
     /// Whether a moving obstacle is within the outline's circle after so many seconds.
     fn meets(&self, request: &LocalPlanRequest<'_>, pose: &Se2, after: f64) -> bool {
-        let reach = self.footprint.circumscribed_radius();
+        let reach = self.guard.footprint().circumscribed_radius();
         let place = pose.translation();
         request.obstacles.iter().any(|obstacle| obstacle.distance_after(after, &place) < reach)
-    }
-
-    /// Whether the vehicle may do a motion for `dt` and then brake.
-    fn is_safe(&self, request: &LocalPlanRequest<'_>, motion: &Motion) -> Result<bool, Error> {
-        const MOST_STEPS: usize = 400;
-        let (mut state, mut motion, mut time) = (request.state, *motion, 0.0);
-        for _ in 0..MOST_STEPS {
-            if request.map.collides_along(&self.footprint, &state.map_from_base, &motion.twist, request.dt)? {
-                return Ok(false);
-            }
-            state = state.after(&motion, request.dt);
-            time += request.dt;
-            if self.meets(request, &state.map_from_base, time) {
-                return Ok(false);
-            }
-            if motion.twist == Twist2::ZERO {
-                break;
-            }
-            motion = request.limits.brake(&motion, request.dt)?;
-        }
-        Ok(true)
     }
 }
 
 impl<T: PathTracker> LocalPlanner for Tracked<T> {
     fn command(&mut self, request: LocalPlanRequest<'_>) -> Result<LocalCommand, LocalPlanError> {
-        request.state.validate()?;
-        request.limits.validate()?;
-        check::positive("dt", request.dt)?;
+        check_request(&request)?;
         self.take(request.path)?;
         let now = request.state.motion();
-        let brake = request.limits.brake(&now, request.dt)?;
+        let brake = self.guard.brake(&request)?;
         let answer = |motion, status| Ok(LocalCommand { motion, status });
-        if request.map.collides(&self.footprint, &request.state.map_from_base)? {
+        if self.guard.touches(&request)? {
             return answer(brake, LocalPlanStatus::InCollision);
         }
         if !self.is_tracked {
@@ -205,7 +185,7 @@ impl<T: PathTracker> LocalPlanner for Tracked<T> {
         for share in [1.0, 0.7, 0.4, 0.2, 0.1] {
             let wish = Motion { twist: scaled(&track.motion.twist, allowed * share), ..track.motion };
             let motion = request.limits.step(&now, &wish, request.dt)?;
-            if wish.twist != Twist2::ZERO && self.is_safe(&request, &motion)? {
+            if wish.twist != Twist2::ZERO && self.guard.check(&request, &motion)?.is_clear() {
                 return answer(motion, LocalPlanStatus::Following);
             }
         }
