@@ -8,6 +8,7 @@
 //!   the curves of Dubins and of Reeds and Shepp.
 //! - [`local`]: what local planners share: the guard that keeps them safe, and what the path asks for.
 //! - [`smooth`]: what turns a path of cells into one that a vehicle likes to follow.
+//! - [`teb`]: the timed elastic band, [`Teb`](teb::Teb), which plays [`LocalPlanner`](agv_core::roles::LocalPlanner).
 //!
 //! Features: `rayon` (parallel loops, on by default) and `serde` (parameters round-trip).
 #![forbid(unsafe_code)]
@@ -20,5 +21,6 @@ pub mod grid;
 pub mod hybrid;
 pub mod local;
 pub mod smooth;
+pub mod teb;
 
 pub use error::Error;

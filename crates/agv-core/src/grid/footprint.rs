@@ -190,7 +190,7 @@ impl Footprint {
     }
 
     /// Circles that cover it: centres in the base frame and radii, in metres. None for a circle around the origin.
-    pub(super) fn cover(&self) -> &[(Vector2<f64>, f64)] {
+    pub fn cover(&self) -> &[(Vector2<f64>, f64)] {
         self.cover.circles()
     }
 
