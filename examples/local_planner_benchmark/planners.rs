@@ -9,6 +9,7 @@ use agv_nav::{
         grid::{AStar, AStarParams, GridParams, UnknownCells},
         local::{Tracked, TrackedParams},
         smooth::{KeyNodes, KeyNodesParams, Straightened},
+        teb::{Teb, TebParams},
     },
     prelude::{GlobalPlanner, LocalPlanner, TwistLimits},
 };
@@ -20,11 +21,16 @@ const SIZE: (f64, f64) = (0.508, 0.43);
 /// What planners keep free around it, in metres: cells, noise, and that it moves on while it is told to brake.
 const PADDING: f64 = 0.02;
 
+/// How dear it is to pass obstacles closely, for paths: one that squeezes by may be a sixth as long as one that has room.
+const COST_WEIGHT: f64 = 6.0;
+
 /// Which local planner drives.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum Planner {
     /// Pure pursuit that stops before obstacles: what the global plan is worth alone
     Tracker,
+    /// Timed elastic band
+    Teb,
 }
 
 /// The vehicle as it is.
@@ -53,7 +59,7 @@ pub(crate) fn limits(v_max: f64) -> TwistLimits {
 
 /// A* on what is seen, over what is not where that is shorter, along key nodes.
 fn global() -> Result<Box<dyn GlobalPlanner + Send>> {
-    let grid = GridParams { cost_weight: 3.0, unknown: UnknownCells::AtCost(0), ..GridParams::default() };
+    let grid = GridParams { cost_weight: COST_WEIGHT, unknown: UnknownCells::AtCost(0), ..GridParams::default() };
     let astar = AStar::new(AStarParams { grid, start_tolerance: 0.5, goal_tolerance: 3.0, ..AStarParams::default() })?;
     let key_nodes = KeyNodes::new(KeyNodesParams { max_cost: 90, cross_unknown: true, ..KeyNodesParams::default() })?;
     debug_assert!(90 < cost::INSCRIBED);
@@ -63,6 +69,7 @@ fn global() -> Result<Box<dyn GlobalPlanner + Send>> {
 fn local(planner: Planner) -> Result<Box<dyn LocalPlanner + Send>> {
     let footprint = footprint()?;
     Ok(match planner {
+        Planner::Teb => Box::new(Teb::new(TebParams::for_footprint(footprint))?),
         Planner::Tracker => {
             let follower = FollowerParams {
                 lateral_acceleration: 1.0,
@@ -84,6 +91,6 @@ fn local(planner: Planner) -> Result<Box<dyn LocalPlanner + Send>> {
 
 /// All of it.
 pub(crate) fn navigation(planner: Planner) -> Result<Navigation> {
-    let params = NavigationParams { cost_weight: 3.0, ..NavigationParams::default() };
+    let params = NavigationParams { cost_weight: COST_WEIGHT, ..NavigationParams::default() };
     Ok(Navigation::new(global()?, local(planner)?, footprint()?, params)?)
 }

@@ -24,7 +24,7 @@ impl Sight {
         let cells = (window / RESOLUTION).ceil() as usize;
         let inflation = InflationParams {
             inflation_radius: footprint.circumscribed_radius() + 0.4,
-            cost_scaling_factor: 5.0,
+            cost_scaling_factor: 4.0,
             ..InflationParams::for_footprint(footprint)
         };
         let params = RollingParams {
