@@ -101,7 +101,7 @@ impl TebParams {
             position_tolerance: 0.1,
             yaw_tolerance: 0.1,
             warm_iterations: 6,
-            cold_iterations: 40,
+            cold_iterations: 30,
             switch_share: 0.75,
             max_detour: 2.5,
             weights: TebWeights::default(),

@@ -10,6 +10,7 @@ use super::{
     rollout::{Rollout, Task},
     solver::{BandReport, BandSolver},
 };
+use crate::local::{Guard, GuardParams, Verdict, check_request};
 use agv_core::{
     Error, check,
     compute::Par,
@@ -82,7 +83,7 @@ pub struct Teb {
     last: Band,
     /// What is done instead of following a band: turns and stops.
     hold: Rollout,
-    guard: Rollout,
+    guard: Guard,
     turning: Option<f64>,
     /// Cycles in which the present way was blocked, one after the other; and all.
     blocked: u32,
@@ -151,6 +152,8 @@ const PATIENCE: u32 = 4;
 const EXPLORE_EVERY: u32 = 10;
 /// Cost, in seconds, of ways that are blocked; less by what of them is free, in metres.
 const BLOCKED: f64 = 1e5;
+/// Distance of a goal nearby, in spacings of the band.
+const NEARBY: f64 = 4.0;
 /// Shares of the speed that are tried, if the whole leads into something.
 const SPEED_SHARES: [f64; 4] = [1.0, 0.6, 0.35, 0.2];
 /// How far from the band a vehicle may be for the band to go on, in metres.
@@ -161,8 +164,9 @@ impl Teb {
     ///
     /// # Errors
     /// What [`TebParams::validate`] says.
-    pub fn new(params: TebParams) -> Result<Self, Error> {
+    pub fn new(params: TebParams) -> Result<Self, crate::Error> {
         params.validate()?;
+        let guard = Guard::new(params.footprint.clone(), GuardParams::default())?;
         let footprint = &params.footprint;
         let cover = footprint.cover().iter().map(|&(center, radius)| Circle { center, radius });
         let mut circles: Vec<_> = cover.collect();
@@ -183,7 +187,7 @@ impl Teb {
             slots: vec![Slot::new(); 4],
             last: Band::new(),
             hold: Rollout::default(),
-            guard: Rollout::default(),
+            guard,
             turning: None,
             blocked: 0,
             cycle: 0,
@@ -236,18 +240,13 @@ impl Teb {
     /// # Errors
     /// As [`command`](LocalPlanner::command).
     pub fn plan(&mut self, request: LocalPlanRequest<'_>) -> Result<TebPlan<'_>, LocalPlanError> {
-        check::positive("dt", request.dt)?;
-        request.limits.validate()?;
-        request.state.validate()?;
-        if request.path.is_empty() {
-            return Err(LocalPlanError::EmptyPath);
-        }
+        check_request(&request)?;
         let changed = self.take_path(request.path, &request.state)?;
         self.cycle = self.cycle.wrapping_add(1);
         for slot in &mut self.slots {
             slot.active = false;
         }
-        let touching = request.map.collides(&self.params.footprint, &request.state.map_from_base)?;
+        let touching = self.guard.touches(&request)?;
         let (choice, status) = if touching {
             self.last.clear();
             self.brake(&request)?;
@@ -338,6 +337,12 @@ impl Teb {
                         if self.course.next_section() {
                             continue;
                         }
+                        // It may have come from aside.
+                        let last = self.points.last().map_or(0.0, |point| point.pose.yaw());
+                        let left = angle_difference(last, state.map_from_base.yaw()).abs();
+                        if request.limits.turns_on_the_spot() && left > 0.8 * self.params.yaw_tolerance {
+                            return self.turn_to(request, last, LocalPlanStatus::Following);
+                        }
                         self.brake(request)?;
                         return Ok((Choice::Hold, LocalPlanStatus::Arrived));
                     }
@@ -357,9 +362,10 @@ impl Teb {
         if self.course.is_last_section() { LocalPlanStatus::Arrived } else { LocalPlanStatus::Following }
     }
 
-    fn brake(&mut self, request: &LocalPlanRequest<'_>) -> Result<(), Error> {
+    fn brake(&mut self, request: &LocalPlanRequest<'_>) -> Result<(), LocalPlanError> {
+        let motion = self.guard.brake(request)?;
         let ground = ground(&self.params, &self.circles, request, 1.0);
-        self.hold.brake(&Task { request, footprint: &self.params.footprint, ground })
+        Ok(self.hold.brake_after(&Task { request, footprint: &self.params.footprint, ground }, &motion)?)
     }
 
     /// Turns on the spot by the free side, the shorter one first.
@@ -378,7 +384,7 @@ impl Teb {
         Ok((Choice::Hold, LocalPlanStatus::Blocked(reason)))
     }
 
-    fn try_turn(&mut self, request: &LocalPlanRequest<'_>, yaw: f64) -> Result<bool, Error> {
+    fn try_turn(&mut self, request: &LocalPlanRequest<'_>, yaw: f64) -> Result<bool, LocalPlanError> {
         let task =
             Task { request, footprint: &self.params.footprint, ground: ground(&self.params, &self.circles, request, 1.0) };
         let shorter = 1.0_f64.copysign(angle_difference(yaw, request.state.map_from_base.yaw()));
@@ -386,13 +392,10 @@ impl Teb {
         let first = if spinning.abs() > 0.05 && self.turning.is_some() { spinning.signum() } else { shorter };
         for side in [first, -first] {
             self.hold.turn(&task, yaw, side)?;
-            if self.hold.is_free() {
-                if let Some(motion) = self.hold.first() {
-                    self.guard.brake_after(&task, &motion)?;
-                    if self.guard.is_free() {
-                        return Ok(true);
-                    }
-                }
+            if let (true, Some(motion)) = (self.hold.is_free(), self.hold.first())
+                && self.guard.check_trusted(request, &motion)?.is_clear()
+            {
+                return Ok(true);
             }
         }
         Ok(false)
@@ -441,7 +444,8 @@ impl Teb {
             gear: if holonomic { 0.0 } else { gear },
             start: request.state.twist,
             stops,
-            goal_heading: stops || holonomic,
+            // From nearby a vehicle that turns on the spot need not arrive with the heading.
+            goal_heading: (stops && !(request.limits.turns_on_the_spot() && is_nearby(samples, params.spacing))) || holonomic,
             via: &self.via,
             rotation: self.rotation,
         };
@@ -465,7 +469,7 @@ impl Teb {
             let iterations = params.cold_iterations;
             self.par.for_each_chunk(&mut slots[1..], 1, |_, chunk| {
                 for slot in chunk.iter_mut().filter(|slot| slot.active) {
-                    if improve(slot, &problem, &task, iterations, 3).is_err() {
+                    if improve(slot, &problem, &task, iterations, 2).is_err() {
                         slot.cost = f64::INFINITY;
                     }
                 }
@@ -479,11 +483,12 @@ impl Teb {
         last.copy_from(&slots[best].band);
         // However the roll-out goes on: after its first motion the vehicle must be able to brake.
         let slot = &mut slots[best];
+        let mut verdict = Verdict::Clear;
         for share in SPEED_SHARES {
             let Some(motion) = slot.rollout.first() else { break };
-            guard.brake_after(&task, &motion)?;
             let begins_freely = slot.rollout.touch().is_none_or(|_| slot.rollout.trajectory().len() > 1);
-            if guard.is_free() && begins_freely {
+            verdict = guard.check_trusted(request, &motion)?;
+            if verdict.is_clear() && begins_freely {
                 let reason = slot.rollout.blocked().or(slot.line.stopped());
                 let rests = motion.twist == Twist2::ZERO && request.state.twist == Twist2::ZERO;
                 let status = match reason {
@@ -496,7 +501,10 @@ impl Teb {
             slot.line.plan_stop(stop, 0.5 * share, &task.ground);
             slot.rollout.follow(&task, &slot.line)?;
         }
-        let reason = guard.blocked().or(slot.rollout.blocked()).unwrap_or(BlockReason::Obstacle);
+        let reason = match verdict {
+            Verdict::Blocked(reason) => reason,
+            Verdict::Clear => slot.rollout.blocked().unwrap_or(BlockReason::Obstacle),
+        };
         self.brake(request)?;
         Ok((Choice::Hold, LocalPlanStatus::Blocked(reason)))
     }
@@ -625,6 +633,14 @@ fn sample(
         }
     }
     let stops = arc_length >= end;
+    let turns = ground.limits.turns_on_the_spot() && !holonomic;
+    if stops && turns && is_nearby(samples, params.spacing)
+        && let [first, .., last] = &mut samples[..]
+    {
+        // To a place nearby, from any side: whichever heading leads there.
+        let line = last.position - first.position;
+        last.yaw = line.y.atan2(line.x) + if ground.gear < 0.0 { PI } else { 0.0 };
+    }
     if !stops {
         while samples.len() > 2
             && samples.last().is_some_and(|s| {
@@ -635,6 +651,12 @@ fn sample(
         }
     }
     stops
+}
+
+/// Whether the last sample is nearby.
+fn is_nearby(samples: &[Sample], spacing: f64) -> bool {
+    let ends = samples.first().zip(samples.last());
+    ends.is_some_and(|(first, last)| (last.position - first.position).norm() < NEARBY * spacing)
 }
 
 /// A band that is new: along the path, moved to a side where that is given.

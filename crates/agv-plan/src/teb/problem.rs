@@ -52,7 +52,7 @@ impl Problem<'_> {
     }
 
     /// Says all residuals, pose by pose.
-    fn walk(&self, band: &Band, state: &Stages<'_>, out: &mut impl Sink) {
+    fn walk(&self, band: &Band, state: &Stages<'_>, out: &mut Sums<'_>) {
         let (w, unknowns) = (&self.params.weights, band.unknowns());
         let poses = band.len();
         let share = self.params.acceleration_share;
@@ -141,14 +141,7 @@ impl Problem<'_> {
         }
     }
 
-    /// Half the sum of the squared residuals.
-    pub(super) fn cost(&self, band: &Band, state: &Stages<'_>) -> f64 {
-        let mut cost = Cost(0.0);
-        self.walk(band, state, &mut cost);
-        0.5 * cost.0
-    }
-
-    /// The same, with the normal equations, in which what is given is tied to its place.
+    /// Half the sum of the squared residuals, and the normal equations, in which what is given is tied to its place.
     pub(super) fn linearize(
         &self,
         band: &Band,
@@ -184,26 +177,6 @@ pub(super) struct Stages<'a> {
     pub(super) nearest: &'a [usize],
 }
 
-/// Takes residuals window by window.
-trait Sink: Residuals {
-    /// All residuals of the window that begins at this unknown were said.
-    fn stage(&mut self, first: usize);
-}
-
-struct Cost(f64);
-
-impl Residuals for Cost {
-    #[inline]
-    fn add<const K: usize>(&mut self, residual: f64, _: &[f64; K]) {
-        self.0 += residual * residual;
-    }
-}
-
-impl Sink for Cost {
-    #[inline]
-    fn stage(&mut self, _: usize) {}
-}
-
 /// Unknowns of the widest window.
 const WIDEST: usize = HALF_BANDWIDTH + 1;
 
@@ -229,7 +202,8 @@ impl Residuals for Sums<'_> {
     }
 }
 
-impl Sink for Sums<'_> {
+impl Sums<'_> {
+    /// All residuals of the window that begins at this unknown were said.
     #[inline]
     fn stage(&mut self, first: usize) {
         self.matrix.add_block(first, &self.block);

@@ -10,16 +10,13 @@
 //! before, whatever the band was; and every stretch is checked against the obstacles with the footprint swept. The speeds lead to
 //! rest at the line's end: a roll-out that touches nothing is a way to brake.
 
-use super::{
-    edges::Circle,
-    line::{Ground, Line, Place},
-};
+use super::line::{Ground, Line, Place};
+use crate::local::moving::{Stretch, touches};
 use agv_core::{
     Error,
     geometry::{Se2, Twist2, angle_difference},
     grid::Footprint,
     kinematics::{Motion, MotionLimits, stopping_speed},
-    obstacle::MovingObstacle,
     roles::{BlockReason, LocalPlanRequest, VehicleState},
     trajectory::{Trajectory, TrajectoryPoint},
 };
@@ -53,6 +50,9 @@ const MOST_STEPS: usize = 2000;
 
 /// Distance from the end, in metres, and angle, in radians, at which the vehicle stops rather than creep.
 const AT_END: f64 = 2e-3;
+
+/// How near obstacles are passed without counting as touched, in cells: as the guard has it.
+const MARGIN: f64 = 1.0 / 16.0;
 
 /// Speed below which the wheels are turned before the vehicle drives, in metres per second.
 const SLOW: f64 = 0.05;
@@ -137,11 +137,6 @@ impl Rollout {
         })
     }
 
-    /// Brakes to rest.
-    pub(super) fn brake(&mut self, task: &Task<'_>) -> Result<(), Error> {
-        self.run(task, |_| None)
-    }
-
     /// Does a first motion, then brakes to rest.
     pub(super) fn brake_after(&mut self, task: &Task<'_>, motion: &Motion) -> Result<(), Error> {
         let mut first = Some(*motion);
@@ -188,31 +183,14 @@ impl Task<'_> {
     /// What the vehicle touches in a cycle.
     fn touched(&self, pose: &Se2, motion: &Motion, time: f64) -> Result<Option<BlockReason>, Error> {
         let dt = self.request.dt;
-        if self.request.map.collides_along(self.footprint, pose, &motion.twist, dt)? {
+        let obstacles = self.request.map.obstacles();
+        if obstacles.collides_along_within(self.footprint, pose, &motion.twist, dt, MARGIN)? {
             return Ok(Some(BlockReason::Obstacle));
         }
-        let hit = self.request.obstacles.iter().any(|obstacle| {
-            // Closer looks at what is near only.
-            let reach = self.footprint.circumscribed_radius() + obstacle.circumscribed_radius();
-            let play = (motion.twist.speed() + obstacle.velocity.norm()) * dt;
-            let apart = (obstacle.position_after(time) - pose.translation()).norm();
-            apart <= reach + play
-                && [0.5, 1.0].iter().any(|share| {
-                    let at = pose_after(pose, &motion.twist, share * dt);
-                    touches_moving(obstacle, self.ground.circles, &at, time + share * dt)
-                })
-        });
+        let stretch = Stretch { map_from_base: *pose, twist: motion.twist, begin: time, duration: dt };
+        let hit = self.request.obstacles.iter().any(|obstacle| touches(self.footprint, obstacle, &stretch));
         Ok(hit.then_some(BlockReason::MovingObstacle))
     }
-}
-
-fn pose_after(pose: &Se2, twist: &Twist2, dt: f64) -> Se2 {
-    *pose * twist.integrate(dt)
-}
-
-/// Whether any circle of the vehicle touches an obstacle at its time.
-fn touches_moving(obstacle: &MovingObstacle, circles: &[Circle], pose: &Se2, time: f64) -> bool {
-    circles.iter().any(|circle| obstacle.distance_after(time, &(*pose * circle.center)) <= circle.radius)
 }
 
 /// The arc that leads back to the line.

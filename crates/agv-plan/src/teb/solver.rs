@@ -25,6 +25,8 @@ pub struct BandSolver {
     gradient: Vec<f64>,
     step: Vec<f64>,
     trial: Band,
+    /// Equations of the last band while those of a trial are in their place.
+    kept: (BandedMatrix, Vec<f64>),
     times: Vec<f64>,
     nearest: Vec<usize>,
 }
@@ -34,7 +36,9 @@ const SHORTEST: f64 = 0.01;
 /// Farthest that a step moves any unknown, in metres, radians or seconds.
 const FARTHEST: f64 = 0.5;
 /// Share of the cost by which a step must lower it, else the band is as good as it gets.
-const LEAST_GAIN: f64 = 1e-3;
+const LEAST_GAIN: f64 = 5e-3;
+/// Damping at which no step leads downhill any more.
+const MOST_DAMPING: f64 = 1e8;
 
 impl BandSolver {
     /// Moves all but the ends of a band downhill, with at most `max_iterations` steps.
@@ -43,19 +47,11 @@ impl BandSolver {
         if band.len() < 2 {
             return report;
         }
+        self.prepare(problem, band);
+        let mut cost = self.linearize(problem, band);
+        report.cost[0] = cost;
         let mut damping = 1e-2;
-        let mut fresh = true;
-        let mut cost = 0.0;
-        while report.iterations < max_iterations {
-            if fresh {
-                self.prepare(problem, band);
-                let state = Stages { times: &self.times, nearest: &self.nearest };
-                cost = problem.linearize(band, &state, &mut self.matrix, &mut self.gradient);
-                if report.iterations == 0 {
-                    report.cost[0] = cost;
-                }
-                fresh = false;
-            }
+        while report.iterations < max_iterations && damping < MOST_DAMPING {
             report.iterations += 1;
             self.step.clear();
             self.step.extend(self.gradient.iter().map(|g| -g));
@@ -65,12 +61,15 @@ impl BandSolver {
                 continue;
             }
             self.take_step(band);
-            let state = Stages { times: &self.times, nearest: &self.nearest };
-            let next = problem.cost(&self.trial, &state);
+            // Most steps are taken, so that their equations are needed next.
+            std::mem::swap(&mut self.matrix, &mut self.kept.0);
+            std::mem::swap(&mut self.gradient, &mut self.kept.1);
+            let trial = std::mem::take(&mut self.trial);
+            let next = self.linearize(problem, &trial);
+            self.trial = trial;
             if next < cost {
-                band.copy_from(&self.trial);
+                std::mem::swap(band, &mut self.trial);
                 damping = (0.2 * damping).max(1e-6);
-                fresh = true;
                 let gain = cost - next;
                 cost = next;
                 if gain < LEAST_GAIN * next {
@@ -78,18 +77,22 @@ impl BandSolver {
                     break;
                 }
             } else {
+                std::mem::swap(&mut self.matrix, &mut self.kept.0);
+                std::mem::swap(&mut self.gradient, &mut self.kept.1);
                 damping *= 8.0;
-                if damping > 1e8 {
-                    report.converged = true;
-                    break;
-                }
             }
         }
         report.cost[1] = cost;
         report
     }
 
-    /// What is taken as given in a step: times, and which pose is nearest to a point to pass.
+    /// Cost and normal equations of a band.
+    fn linearize(&mut self, problem: &Problem<'_>, band: &Band) -> f64 {
+        let Self { times, nearest, matrix, gradient, .. } = self;
+        problem.linearize(band, &Stages { times, nearest }, matrix, gradient)
+    }
+
+    /// What is taken as given in a solution: times, and which pose is nearest to a point to pass.
     fn prepare(&mut self, problem: &Problem<'_>, band: &Band) {
         self.times.clear();
         let mut time = 0.0;
