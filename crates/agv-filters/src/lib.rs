@@ -12,6 +12,8 @@
 //! and scans weigh ([`particle::SensorModel`]), put together by [`particle::Mcl`], which plays the roles
 //! [`Localizer`](agv_core::roles::Localizer) and [`Correct`](agv_core::roles::Correct).
 //!
+//! [`tracking`] finds what moves around the vehicle: [`tracking::ObstacleTracker`].
+//!
 //! [`marker`] turns codes and landmarks into poses: [`marker::CodeReader`] locates floor codes in an image,
 //! [`marker::MarkerLocalizer`] makes a pose of them that a Kalman filter takes.
 //!
@@ -27,3 +29,4 @@ pub mod kalman;
 pub mod landmark;
 pub mod marker;
 pub mod particle;
+pub mod tracking;
