@@ -52,6 +52,9 @@ struct Args {
     /// At most so many worlds, spread over all
     #[arg(long)]
     limit: Option<usize>,
+    /// Take obstacles that move to stand where they are seen: planning without a sense of time, for comparison
+    #[arg(long)]
+    frozen: bool,
     /// Pictures of all runs, not of failures only
     #[arg(long)]
     all_pictures: bool,

@@ -6,8 +6,12 @@ use agv_nav::{
     core::grid::{Footprint, cost},
     pipeline::{Navigation, NavigationParams},
     plan::{
+        dwa::{Dwa, DwaParams},
         grid::{AStar, AStarParams, GridParams, UnknownCells},
-        local::{Tracked, TrackedParams},
+        local::{
+            Tracked, TrackedParams,
+            critics::{BoundedObstacle, Critic, KeyNodeDistance, KeyNodeHeading, Velocity},
+        },
         smooth::{KeyNodes, KeyNodesParams, Straightened},
         teb::{Teb, TebParams},
     },
@@ -29,6 +33,10 @@ const COST_WEIGHT: f64 = 6.0;
 pub(crate) enum Planner {
     /// Pure pursuit that stops before obstacles: what the global plan is worth alone
     Tracker,
+    /// Dynamic window approach
+    Dwa,
+    /// Dynamic window approach with the critics of paper 002
+    Idwa,
     /// Timed elastic band
     Teb,
 }
@@ -69,6 +77,17 @@ fn global() -> Result<Box<dyn GlobalPlanner + Send>> {
 fn local(planner: Planner) -> Result<Box<dyn LocalPlanner + Send>> {
     let footprint = footprint()?;
     Ok(match planner {
+        Planner::Dwa => Box::new(Dwa::new(DwaParams::for_footprint(&footprint))?),
+        Planner::Idwa => {
+            // Weights of paper 002, Table 2: heading, speed, obstacles, key node.
+            let critics = vec![
+                Critic::normalized(0.2, KeyNodeHeading),
+                Critic::normalized(0.3, Velocity),
+                Critic::normalized(0.2, BoundedObstacle::default()),
+                Critic::normalized(0.2, KeyNodeDistance),
+            ];
+            Box::new(Dwa::with_critics(DwaParams::for_footprint(&footprint), critics)?)
+        }
         Planner::Teb => Box::new(Teb::new(TebParams::for_footprint(footprint))?),
         Planner::Tracker => {
             let follower = FollowerParams {

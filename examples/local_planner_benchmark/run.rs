@@ -1,12 +1,6 @@
 //! One run: world, vehicle, scanner and odometry around a navigation.
 
-use crate::{
-    Args, Result,
-    contact::Way,
-    planners::{self, Planner},
-    sight::Sight,
-    worlds::Trial,
-};
+use crate::{Args, Result, contact::Way, planners, sight::Sight, worlds::Trial};
 use agv_nav::{
     core::{metrics::Statistics, obstacle::MovingObstacle},
     pipeline::{NavigationRequest, NavigationStatus},
@@ -73,7 +67,7 @@ pub(crate) fn all(trials: &[Trial], args: &Args) -> Result<Vec<Run>> {
         loop {
             let Some(index) = next.lock().ok().and_then(|mut next| next.next()) else { break };
             let seed = args.common.seed().derive(1000 + index as u64);
-            let run = one(&trials[index], args.planner, args.v_max, seed);
+            let run = one(&trials[index], args, seed);
             if let Ok(mut done) = done.lock() {
                 done[index] = Some(run);
             }
@@ -106,7 +100,8 @@ fn vehicle(v_max: f64, start: Se2, seed: Seed) -> Result<Vehicle> {
     Ok(Vehicle::new(params, start, seed.derive(2))?)
 }
 
-fn one(trial: &Trial, planner: Planner, v_max: f64, seed: Seed) -> Result<Run> {
+fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
+    let (planner, v_max, frozen) = (args.planner, args.v_max, args.frozen);
     let world: &dyn PlanarWorld = &*trial.world;
     let (body, footprint) = (planners::body()?, planners::footprint()?);
     let limits: MotionLimits = planners::limits(v_max).into();
@@ -116,7 +111,7 @@ fn one(trial: &Trial, planner: Planner, v_max: f64, seed: Seed) -> Result<Run> {
         Simulator2d::new(world, vehicle(v_max, trial.start, seed)?, body.clone(), CYCLE / STEPS as f64)?
             .with_laser(Laser::new(laser, seed.derive(3))?, STEPS)?
             .with_moving(trial.moving.clone());
-    let mut sight = Sight::new(&footprint, trial.window)?;
+    let mut sight = Sight::new(&footprint, trial.window, frozen)?;
     let mut navigation = planners::navigation(planner)?;
     navigation.go_to(&trial.goal)?;
 

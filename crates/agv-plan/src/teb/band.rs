@@ -115,9 +115,8 @@ impl Band {
     /// than half of that, so that obstacles are not passed between two poses. First and last pose stay.
     pub(super) fn resize(&mut self, spacing: f64, turn: f64, scratch: &mut Vec<[f64; 4]>) {
         scratch.clear();
-        let size = |a: &[f64; 4], b: &[f64; 4]| {
-            ((b[0] - a[0]).hypot(b[1] - a[1]) / spacing).max((b[2] - a[2]).abs() / turn)
-        };
+        let size =
+            |a: &[f64; 4], b: &[f64; 4]| ((b[0] - a[0]).hypot(b[1] - a[1]) / spacing).max((b[2] - a[2]).abs() / turn);
         let Some((&last, nodes)) = self.nodes.split_last() else { return };
         for (i, node) in nodes.iter().enumerate() {
             let next = nodes.get(i + 1).unwrap_or(&last);

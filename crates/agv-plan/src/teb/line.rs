@@ -213,7 +213,8 @@ impl Line {
         let last = self.nodes.len().saturating_sub(1);
         for segment in from..last.min(from + 4) {
             let (a, b) = (self.nodes[segment], self.nodes[segment + 1]);
-            let (line, offset) = (Vector2::new(b[0] - a[0], b[1] - a[1]), Vector2::new(position.x - a[0], position.y - a[1]));
+            let (line, offset) =
+                (Vector2::new(b[0] - a[0], b[1] - a[1]), Vector2::new(position.x - a[0], position.y - a[1]));
             let square = line.norm_squared();
             let share = if square > 0.0 { (offset.dot(&line) / square).clamp(0.0, 1.0) } else { 0.0 };
             let distance = (offset - line * share).norm_squared();

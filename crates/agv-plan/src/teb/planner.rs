@@ -16,9 +16,7 @@ use agv_core::{
     compute::Par,
     geometry::{Twist2, angle_difference},
     path::{Course, Gear, Leg, Path, PathPoint},
-    roles::{
-        BlockReason, LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner, VehicleState,
-    },
+    roles::{BlockReason, LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner, VehicleState},
     trajectory::Trajectory,
 };
 use nalgebra::Vector2;
@@ -385,8 +383,11 @@ impl Teb {
     }
 
     fn try_turn(&mut self, request: &LocalPlanRequest<'_>, yaw: f64) -> Result<bool, LocalPlanError> {
-        let task =
-            Task { request, footprint: &self.params.footprint, ground: ground(&self.params, &self.circles, request, 1.0) };
+        let task = Task {
+            request,
+            footprint: &self.params.footprint,
+            ground: ground(&self.params, &self.circles, request, 1.0),
+        };
         let shorter = 1.0_f64.copysign(angle_difference(yaw, request.state.map_from_base.yaw()));
         let spinning = request.state.twist.yaw_rate;
         let first = if spinning.abs() > 0.05 && self.turning.is_some() { spinning.signum() } else { shorter };
@@ -445,7 +446,8 @@ impl Teb {
             start: request.state.twist,
             stops,
             // From nearby a vehicle that turns on the spot need not arrive with the heading.
-            goal_heading: (stops && !(request.limits.turns_on_the_spot() && is_nearby(samples, params.spacing))) || holonomic,
+            goal_heading: (stops && !(request.limits.turns_on_the_spot() && is_nearby(samples, params.spacing)))
+                || holonomic,
             via: &self.via,
             rotation: self.rotation,
         };
@@ -634,7 +636,9 @@ fn sample(
     }
     let stops = arc_length >= end;
     let turns = ground.limits.turns_on_the_spot() && !holonomic;
-    if stops && turns && is_nearby(samples, params.spacing)
+    if stops
+        && turns
+        && is_nearby(samples, params.spacing)
         && let [first, .., last] = &mut samples[..]
     {
         // To a place nearby, from any side: whichever heading leads there.
@@ -643,9 +647,9 @@ fn sample(
     }
     if !stops {
         while samples.len() > 2
-            && samples.last().is_some_and(|s| {
-                ground.clearance([s.position.x, s.position.y, s.yaw]).is_some_and(|c| c < 0.0)
-            })
+            && samples
+                .last()
+                .is_some_and(|s| ground.clearance([s.position.x, s.position.y, s.yaw]).is_some_and(|c| c < 0.0))
         {
             samples.pop();
         }
@@ -669,7 +673,8 @@ fn begin(
 ) {
     slot.active = true;
     slot.band.clear();
-    let speed = 0.7 * if ground.gear < 0.0 { ground.limits.twist.reverse_speed } else { ground.limits.twist.forward_speed };
+    let speed =
+        0.7 * if ground.gear < 0.0 { ground.limits.twist.reverse_speed } else { ground.limits.twist.forward_speed };
     let speed = speed.max(0.05);
     let place = |i: usize| {
         samples.get(i).map(|sample| {
@@ -752,9 +757,7 @@ fn choose(
     let (Some(now), Some(other)) = (current, best) else { return current.or(best) };
     let (present, best) = (&slots[now], &slots[other]);
     let better = if present.is_passable() {
-        best.is_passable()
-            && best.cost < switch_share * present.cost
-            && !same_way(map, &present.band, &best.band)
+        best.is_passable() && best.cost < switch_share * present.cost && !same_way(map, &present.band, &best.band)
     } else {
         // The same way found anew may be taken at once.
         best.is_passable() && (blocked >= PATIENCE || same_way(map, &present.band, &best.band))

@@ -132,13 +132,7 @@ impl Problem<'_> {
         let yaw_acceleration =
             if self.limits.steering.is_some() { f64::INFINITY } else { self.limits.twist.yaw_acceleration };
         let limits = TwistLimits { yaw_acceleration, ..self.limits.twist };
-        EndSpeed {
-            speed: twist.vx,
-            yaw_rate: twist.yaw_rate,
-            limits,
-            at_end,
-            weight: self.params.weights.acceleration,
-        }
+        EndSpeed { speed: twist.vx, yaw_rate: twist.yaw_rate, limits, at_end, weight: self.params.weights.acceleration }
     }
 
     /// Half the sum of the squared residuals, and the normal equations, in which what is given is tied to its place.

@@ -194,7 +194,14 @@ impl Task<'_> {
 }
 
 /// The arc that leads back to the line.
-fn arc_target(ground: &Ground<'_>, line: &Line, place: &Place, ahead: &Place, state: &VehicleState, speed: f64) -> Motion {
+fn arc_target(
+    ground: &Ground<'_>,
+    line: &Line,
+    place: &Place,
+    ahead: &Place,
+    state: &VehicleState,
+    speed: f64,
+) -> Motion {
     let gear = ground.gear;
     let (sin, cos) = place.yaw.sin_cos();
     let offset = state.map_from_base.translation() - place.position;

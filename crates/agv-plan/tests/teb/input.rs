@@ -42,7 +42,10 @@ fn bad_requests_have_a_typed_answer() {
             assert!(matches!(teb().command(LocalPlanRequest { state, ..good }), Err(LocalPlanError::Invalid(_))));
         }
         assert!(teb().command(LocalPlanRequest { dt: bad, ..good }).is_err());
-        let mover = MovingObstacle { position: Vector2::new(bad, 0.0), ..MovingObstacle::new(Vector2::zeros(), Vector2::zeros(), 0.1).unwrap() };
+        let mover = MovingObstacle {
+            position: Vector2::new(bad, 0.0),
+            ..MovingObstacle::new(Vector2::zeros(), Vector2::zeros(), 0.1).unwrap()
+        };
         assert!(teb().command(LocalPlanRequest { obstacles: &[mover], ..good }).is_err());
         let limits = MotionLimits::from(TwistLimits { acceleration: bad, ..TwistLimits::default() });
         assert!(teb().command(LocalPlanRequest { limits: &limits, ..good }).is_err());

@@ -39,8 +39,10 @@ fn a_symmetrical_obstacle_is_passed_on_one_side() {
                 map.update(&costmap).unwrap();
             }
             let at = state.map_from_base;
-            let seen = VehicleState { map_from_base: Se2::new(at.x() + draw(), at.y() + draw(), at.yaw() + draw()), ..state };
-            let request = LocalPlanRequest { state: seen, path: &path, map: &map, obstacles: &[], limits: &limits, dt: 0.05 };
+            let seen =
+                VehicleState { map_from_base: Se2::new(at.x() + draw(), at.y() + draw(), at.yaw() + draw()), ..state };
+            let request =
+                LocalPlanRequest { state: seen, path: &path, map: &map, obstacles: &[], limits: &limits, dt: 0.05 };
             let plan = teb.plan(request).unwrap();
             if let Some(band) = plan.band {
                 let beside = (0..band.len()).filter_map(|i| band.pose(i)).find(|pose| pose.x() >= 4.5);
@@ -84,7 +86,8 @@ fn who_crosses_is_not_touched() {
         let from = f64::from(case % 8);
         let speed = 0.4 + 0.2 * f64::from(case / 8);
         let velocity = if case % 2 == 0 { Vector2::new(0.0, speed) } else { Vector2::new(-0.5 * speed, -speed) };
-        let start = if case % 2 == 0 { Vector2::new(4.5, 3.0 - from * 0.4) } else { Vector2::new(6.0, 3.0 + from * 0.4) };
+        let start =
+            if case % 2 == 0 { Vector2::new(4.5, 3.0 - from * 0.4) } else { Vector2::new(6.0, 3.0 + from * 0.4) };
         let mut arrived = false;
         for cycle in 0..400 {
             let time = 0.05 * f64::from(cycle);
