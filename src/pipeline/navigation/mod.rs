@@ -8,6 +8,7 @@
 //!                 +--- no progress: Recovery: look again, rotate, back off, ... give up, with a reason
 //! ```
 
+mod manoeuvre;
 mod params;
 mod progress;
 mod recovery;
@@ -299,7 +300,7 @@ impl Navigation {
             self.ended = Some(NavigationStatus::GaveUp(reason));
             return stop(request, NavigationStatus::GaveUp(reason));
         }
-        let behaviour = Behaviour::new(self.recoveries, request, self.route.path());
+        let behaviour = Behaviour::new(self.recoveries, request, &self.footprint, self.route.path())?;
         self.recoveries += 1;
         let (kind, forget_map) = (behaviour.kind(), behaviour.forgets_map());
         self.behaviour = Some(behaviour);

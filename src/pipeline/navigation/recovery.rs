@@ -1,6 +1,6 @@
 //! What to do where neither planner knows a way: small motions that are checked, and another look.
 
-use super::NavigationRequest;
+use super::{NavigationRequest, manoeuvre::Manoeuvre};
 use crate::Error;
 use agv_core::{
     geometry::{LieGroup, Se2, Twist2, wrap_angle},
@@ -16,6 +16,8 @@ use agv_core::{
 pub enum Recovery {
     /// Stands while the surroundings are forgotten and seen anew.
     LookAgain,
+    /// Drives straight pieces and turns on the spot that a search found, to a place ahead on the path.
+    Manoeuvre,
     /// Turns on the spot to where the path leads.
     Rotate,
     /// Drives back a little, as far as that is free.
@@ -25,7 +27,7 @@ pub enum Recovery {
 }
 
 /// A behaviour that is under way.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone)]
 pub(super) struct Behaviour {
     kind: Recovery,
     start: Se2,
@@ -33,10 +35,12 @@ pub(super) struct Behaviour {
     heading: f64,
     /// Seconds since it began.
     time: f64,
+    manoeuvre: Manoeuvre,
 }
 
-/// Longest a behaviour takes, in seconds.
+/// Longest a behaviour takes, in seconds; a manoeuvre of many pieces may take longer.
 const LONGEST: f64 = 3.0;
+const LONGEST_MANOEUVRE: f64 = 15.0;
 /// How long a vehicle stands to look again, in seconds: some scans.
 const LOOK: f64 = 0.3;
 /// Way back, in metres; half as much again in each further round.
@@ -50,11 +54,19 @@ const CREEP: f64 = 0.3;
 const GAIN: f64 = 1e-3;
 
 impl Behaviour {
-    /// The behaviour that follows `before` others without progress.
-    pub(super) fn new(before: u32, request: &NavigationRequest<'_>, path: &Path) -> Self {
-        let kind = match before % 3 {
-            0 => Recovery::Rotate,
-            1 => Recovery::BackOff,
+    /// The behaviour that follows `before` others without progress; where a manoeuvre is due and none is found, the one after it.
+    pub(super) fn new(
+        before: u32,
+        request: &NavigationRequest<'_>,
+        footprint: &Footprint,
+        path: &Path,
+    ) -> Result<Self, Error> {
+        let manoeuvre =
+            if before % 4 == 0 || before % 4 == 2 { Manoeuvre::find(request, footprint, path)? } else { None };
+        let kind = match before % 4 {
+            0 | 2 if manoeuvre.is_some() => Recovery::Manoeuvre,
+            0 | 1 => Recovery::Rotate,
+            2 => Recovery::BackOff,
             _ => Recovery::LookAgain,
         };
         let start = request.state.map_from_base;
@@ -62,12 +74,18 @@ impl Behaviour {
         let ahead = path.points().iter().map(|point| point.pose.translation() - start.translation());
         let heading =
             ahead.skip_while(|way| way.norm() < 0.5).map(|way| way.y.atan2(way.x)).next().unwrap_or(start.yaw() + 2.0);
-        Self { kind, start, heading, time: 0.0 }
+        Ok(Self { kind, start, heading, time: 0.0, manoeuvre: manoeuvre.unwrap_or_default() })
     }
 
     /// The way out of a contact.
     pub(super) fn escape(request: &NavigationRequest<'_>) -> Self {
-        Self { kind: Recovery::Escape, start: request.state.map_from_base, heading: 0.0, time: 0.0 }
+        Self {
+            kind: Recovery::Escape,
+            start: request.state.map_from_base,
+            heading: 0.0,
+            time: 0.0,
+            manoeuvre: Manoeuvre::default(),
+        }
     }
 
     pub(super) const fn kind(&self) -> Recovery {
@@ -89,13 +107,20 @@ impl Behaviour {
         self.time += dt;
         let rest = limits.brake(&now, dt)?;
         let stands = now.twist == Twist2::ZERO;
-        if self.time > LONGEST && stands {
+        let longest = if self.kind == Recovery::Manoeuvre { LONGEST_MANOEUVRE } else { LONGEST };
+        if self.time > longest && stands {
             return Ok(None);
         }
         let wish = match self.kind {
             Recovery::Escape => return self.creep(request, footprint),
             Recovery::LookAgain if self.time > LOOK => return Ok(None),
             Recovery::LookAgain => Twist2::ZERO,
+            Recovery::Manoeuvre => match self.manoeuvre.wish(request) {
+                // Standing between two pieces is no end.
+                Some(wish) if wish == Twist2::ZERO && self.time <= longest => return Ok(Some(rest)),
+                Some(wish) => wish,
+                None => Twist2::ZERO,
+            },
             Recovery::Rotate => {
                 let error = wrap_angle(self.heading - request.state.map_from_base.yaw());
                 if error.abs() < 0.1 || limits.steering.is_some() {
@@ -109,7 +134,7 @@ impl Behaviour {
                 if back >= BACK { Twist2::ZERO } else { Twist2::new(-SPEED, 0.0, 0.0) }
             }
         };
-        if wish == Twist2::ZERO || self.time > LONGEST {
+        if wish == Twist2::ZERO || self.time > longest {
             let is_done = stands && self.kind != Recovery::LookAgain;
             return Ok((!is_done).then_some(rest));
         }
