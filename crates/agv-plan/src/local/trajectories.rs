@@ -69,13 +69,10 @@ pub struct Trajectories {
     circles: Vec<[f32; 3]>,
     /// Cosine and sine of the heading at the beginning.
     heading: (f32, f32),
-    /// Clearance below which a trajectory is not free.
+    /// Clearance below which a trajectory is not free: none, or that of where the vehicle stands if the circles and cells claim that it
+    /// touches something already. The guard is exact.
     limit: f32,
 }
-
-/// How much deeper in what looks like an obstacle a trajectory may lead than where the vehicle stands, in cells: the circles and cells of the
-/// look-up claim more than the vehicle and the obstacles have. The guard is exact.
-const SLACK: f32 = 0.25;
 
 /// Trajectories are padded to whole registers.
 const LANES: usize = 16;
@@ -287,7 +284,7 @@ impl Trajectories {
             }
         }
         let present = self.clearance_here(map, &origin);
-        self.limit = present.min(0.0) - SLACK * layout.resolution() as f32;
+        self.limit = present.min(0.0);
         self.count_free();
     }
 
