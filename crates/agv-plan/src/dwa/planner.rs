@@ -61,6 +61,8 @@ pub struct Dwa {
     totals: Vec<f32>,
     scratch: Vec<f32>,
     order: Vec<u32>,
+    /// Commands that the guard refused in this cycle.
+    refused: Vec<Motion>,
     speeds: Vec<f64>,
     turns: Vec<f64>,
     /// What was aimed at last.
@@ -79,8 +81,8 @@ struct Patience {
 /// Way that counts as progress, in metres.
 const PROGRESS: f64 = 0.05;
 
-/// Trajectories that are shown to the guard in one cycle.
-const MOST_CHECKED: usize = 48;
+/// Commands that the guard may refuse in one cycle.
+const MOST_CHECKED: usize = 64;
 
 impl Dwa {
     /// The planner with the critics that measured best: [`Progress`] on the navigation field, a little faithfulness to the side that was
@@ -112,6 +114,7 @@ impl Dwa {
             totals: Vec::new(),
             scratch: Vec::new(),
             order: Vec::new(),
+            refused: Vec::with_capacity(MOST_CHECKED),
             speeds: Vec::new(),
             turns: Vec::new(),
             last: Twist2::ZERO,
@@ -297,15 +300,19 @@ impl Dwa {
         self.order.clear();
         self.order.extend((0..totals.len() as u32).filter(|&i| totals[i as usize].is_finite()));
         let by_cost = |a: &u32, b: &u32| totals[*a as usize].total_cmp(&totals[*b as usize]).then(a.cmp(b));
-        let count = self.order.len().min(MOST_CHECKED);
-        if self.order.len() > count {
-            self.order.select_nth_unstable_by(count, by_cost);
-        }
-        self.order[..count].sort_unstable_by(by_cost);
-        let mut reason = if count == 0 { BlockReason::Obstacle } else { BlockReason::Limits };
-        for k in 0..count {
+        self.order.sort_unstable_by(by_cost);
+        self.refused.clear();
+        let mut reason = if self.order.is_empty() { BlockReason::Obstacle } else { BlockReason::Limits };
+        for k in 0..self.order.len() {
             let i = self.order[k] as usize;
             let motion = self.command_towards(request, i);
+            // Different aims often begin alike.
+            if self.refused.contains(&motion) {
+                continue;
+            }
+            if self.refused.len() >= MOST_CHECKED {
+                break;
+            }
             match self.guard.check_trusted(request, &motion)? {
                 Verdict::Clear => {
                     self.last = self.batch.target_twist(i, request.limits.steering.is_some());
@@ -318,7 +325,10 @@ impl Dwa {
                     };
                     return Ok(LocalCommand { motion, status });
                 }
-                Verdict::Blocked(because) => reason = because,
+                Verdict::Blocked(because) => {
+                    reason = because;
+                    self.refused.push(motion);
+                }
             }
         }
         self.last = Twist2::ZERO;

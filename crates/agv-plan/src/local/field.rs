@@ -61,6 +61,10 @@ pub struct NavigationField {
 /// Buckets per edge of a cell at the least price.
 const PER_CELL: f32 = 2.0;
 
+/// How much room may be missing, in cells of the map: its cells claim more than the obstacles in them have, and whether the vehicle fits is
+/// decided by trajectories.
+const SLACK: f32 = 0.5;
+
 /// Distance from the target within which it is seen as the crow flies, in metres.
 const NEAR: f64 = 0.35;
 
@@ -114,14 +118,19 @@ impl NavigationField {
         let half = 0.5 * fine.resolution() as f32;
         let (radius, per_room) = (inscribed_radius as f32, 1.0 / self.params.room as f32);
         let nearness = self.params.nearness as f32;
-        let middle = factor / 2;
+        // The best of the map's cells that make one up, so that no gap is lost between them.
+        let slack = SLACK * fine.resolution() as f32;
         for (y, row) in self.prices.chunks_exact_mut(width).enumerate() {
-            let from = (y * factor + middle).min(fine.height() - 1) * fine.width() + middle;
-            let line = distance.get(from.min(distance.len())..).unwrap_or_default();
-            for (price, d) in row.iter_mut().zip(line.iter().step_by(factor)) {
-                let room = d - half - radius;
+            row.fill(f32::NEG_INFINITY);
+            for line in distance.chunks_exact(fine.width()).skip(y * factor).take(factor) {
+                for (widest, cells) in row.iter_mut().zip(line.chunks_exact(factor)) {
+                    *widest = cells.iter().fold(*widest, |widest, &d| widest.max(d));
+                }
+            }
+            for price in row {
+                let room = *price - half - radius;
                 let near = (1.0 - room * per_room).max(0.0);
-                *price = if room > 0.0 { 1.0 + nearness * near * near } else { f32::INFINITY };
+                *price = if room > -slack { 1.0 + nearness * near * near } else { f32::INFINITY };
             }
         }
         let discount = (1.0 - self.params.loyalty) as f32;

@@ -10,7 +10,7 @@
 
 use agv_core::{
     geometry::{LieGroup, Se2, So2, Twist2},
-    grid::{Footprint, LocalMap, Revision},
+    grid::{Cell, Footprint, LocalMap, Revision},
     kinematics::MotionLimits,
     obstacle::MovingObstacle,
     roles::VehicleState,
@@ -67,6 +67,11 @@ pub struct Trajectories {
     field: Vec<f32>,
     seen: Option<Revision>,
     circles: Vec<[f32; 3]>,
+    /// Cosine and sine of the heading at the beginning.
+    heading: (f32, f32),
+    /// Clearance below which a trajectory is not free: none, or that of where the vehicle stands if the circles and cells claim that it
+    /// touches something already. The guard is exact.
+    limit: f32,
 }
 
 /// Trajectories are padded to whole registers.
@@ -187,6 +192,7 @@ impl Trajectories {
             velocity.resize(self.stride, now as f32);
         }
         let heading = self.map_from_local.rotation().inverse().compose(&state.map_from_base.rotation());
+        self.heading = (heading.cos() as f32, heading.sin() as f32);
         let (stride, dt) = (self.stride, self.dt as f32);
         let [vx, vy, turn] = &mut self.velocities;
         let [target_vx, target_vy, target_turn] = &self.targets;
@@ -277,15 +283,32 @@ impl Trajectories {
                 }
             }
         }
+        let present = self.clearance_here(map, &origin);
+        self.limit = present.min(0.0);
         self.count_free();
+    }
+
+    /// Clearance of the vehicle where it is, as it is looked up for the trajectories.
+    fn clearance_here(&self, map: &LocalMap, origin: &Vector2<f32>) -> f32 {
+        let layout = map.layout();
+        let (per_metre, half) = ((1.0 / layout.resolution()) as f32, (0.5 * layout.resolution()) as f32);
+        let (cos, sin) = self.heading;
+        let of_circle = |&[ahead, left, radius]: &[f32; 3]| {
+            let column = (cos * ahead - sin * left) * per_metre + origin.x;
+            let row = (sin * ahead + cos * left) * per_metre + origin.y;
+            let index = layout.index(Cell::new(column.floor() as i32, row.floor() as i32)).unwrap_or(layout.len());
+            self.field.get(index).map_or(0.0, |distance| distance - radius - half)
+        };
+        self.circles.iter().map(of_circle).fold(f32::MAX, f32::min)
     }
 
     fn count_free(&mut self) {
         self.free.fill(0);
+        let limit = self.limit;
         for (step, clearance) in self.clearance.chunks_exact(self.stride.max(1)).enumerate() {
             for (free, &clearance) in self.free.iter_mut().zip(clearance) {
                 // Only as long as no step before was blocked.
-                *free += u32::from((*free == step as u32) & (clearance >= 0.0));
+                *free += u32::from((*free == step as u32) & (clearance >= limit));
             }
         }
     }
