@@ -3,6 +3,7 @@
 //! A component is added by a test in the file of its subject: warm it up, then `counter::count` around its updates.
 
 mod counter;
+mod elastic_band;
 mod frames_and_solvers;
 mod gaussian;
 mod grids;

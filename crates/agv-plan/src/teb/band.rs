@@ -151,7 +151,9 @@ mod tests {
 
     fn band(points: &[(f64, f64)]) -> Band {
         let mut band = Band::new();
-        points.iter().for_each(|&(x, y)| band.push(Vector2::new(x, y), 0.3 * x, 0.2));
+        for &(x, y) in points {
+            band.push(Vector2::new(x, y), 0.3 * x, 0.2);
+        }
         band
     }
 

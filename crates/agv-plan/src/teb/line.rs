@@ -1,7 +1,11 @@
 //! The line of a band: how far along it each pose lies, how it bends there, and how fast it may be driven.
 
 use super::{edges::Circle, params::TebParams};
-use agv_core::{grid::LocalMap, kinematics::MotionLimits, roles::BlockReason};
+use agv_core::{
+    grid::LocalMap,
+    kinematics::MotionLimits,
+    roles::{BlockReason, LocalPlanRequest},
+};
 use nalgebra::Vector2;
 
 /// Vehicle and surroundings that a line is driven in.
@@ -15,7 +19,16 @@ pub(super) struct Ground<'a> {
     pub(super) gear: f64,
 }
 
-impl Ground<'_> {
+impl<'a> Ground<'a> {
+    pub(super) const fn new(
+        params: &'a TebParams,
+        circles: &'a [Circle],
+        request: &LocalPlanRequest<'a>,
+        gear: f64,
+    ) -> Self {
+        Self { params, limits: request.limits, map: request.map, circles, gear }
+    }
+
     /// Whether the vehicle drives in any direction.
     pub(super) fn is_holonomic(&self) -> bool {
         self.limits.twist.lateral_speed > 0.0 && self.limits.steering.is_none()

@@ -15,12 +15,15 @@
 
 mod band;
 mod classes;
+mod drive;
 pub mod edges;
 mod line;
 mod params;
 mod planner;
 mod problem;
 mod rollout;
+mod sample;
+mod slot;
 mod solver;
 
 pub use band::Band;

@@ -3,8 +3,8 @@
 use super::{
     band::Band,
     edges::{
-        Acceleration, BandEdge, CautiousSpeed, Circle, Clearance, Duration, EndSpeed, Length, MovingClearance,
-        NonHolonomic, Residuals, Rotation, Speed, SteeringRate, TurningRadius, ViaPoint,
+        Acceleration, BandEdge, CautiousSpeed, Circle, Clearance, Direction, Duration, EndSpeed, Length,
+        MovingClearance, NonHolonomic, Residuals, Rotation, Speed, SteeringRate, TurningRadius, ViaPoint, Window,
     },
     params::TebParams,
 };
@@ -68,9 +68,19 @@ impl Problem<'_> {
             Clearance { map: self.map, circles: self.circles, clearance: self.params.clearance, weight: w.obstacle };
         let cautious = self.cautious();
         let holonomic = self.is_holonomic();
+        let heading = |i: usize| {
+            let yaw = unknowns.get(4 * i + 2).copied().unwrap_or(0.0);
+            (yaw, Direction::of(yaw))
+        };
+        let mut ahead = (heading(0), heading(1));
+        let mut middle = Direction::between(ahead.0, ahead.1);
         for i in 0..poses {
             let rest = unknowns.get(4 * i..).unwrap_or_default();
-            if let (Some(window), true) = (rest.first_chunk::<3>(), i > 0) {
+            let next = heading(i + 2);
+            let (headings, middles) = ([ahead.0.1, ahead.1.1], [middle, Direction::between(ahead.1, next)]);
+            (ahead, middle) = ((ahead.1, next), middles[1]);
+            if let (Some(&unknowns), true) = (rest.first_chunk::<3>(), i > 0) {
+                let window = &Window { unknowns, headings, middles };
                 clear.residuals(window, out);
                 for obstacle in self.obstacles {
                     let time = state.times.get(i).copied().unwrap_or(0.0);
@@ -81,7 +91,8 @@ impl Problem<'_> {
                     ViaPoint { point, weight: w.via }.residuals(window, out);
                 }
             }
-            if let (Some(window), true) = (rest.first_chunk::<7>(), i + 1 < poses) {
+            if let (Some(&unknowns), true) = (rest.first_chunk::<7>(), i + 1 < poses) {
+                let window = &Window { unknowns, headings, middles };
                 duration.residuals(window, out);
                 length.residuals(window, out);
                 speed.residuals(window, out);
@@ -104,7 +115,8 @@ impl Problem<'_> {
                     self.end(&Twist2::ZERO, true).residuals(window, out);
                 }
             }
-            if let (Some(window), true) = (rest.first_chunk::<11>(), i + 2 < poses) {
+            if let (Some(&unknowns), true) = (rest.first_chunk::<11>(), i + 2 < poses) {
+                let window = &Window { unknowns, headings, middles };
                 acceleration.residuals(window, out);
                 if let Some(steering) = &steering {
                     steering.residuals(window, out);
@@ -192,6 +204,18 @@ impl Residuals for Sums<'_> {
             for j in i..K {
                 row[j] += gradient[i] * gradient[j];
             }
+        }
+    }
+
+    #[inline]
+    fn add_difference(&mut self, residual: f64, slope: f64, to: usize, from: Option<usize>) {
+        self.cost += residual * residual;
+        self.slope[to] += residual * slope;
+        self.block[to][to] += slope * slope;
+        if let Some(from) = from {
+            self.slope[from] -= residual * slope;
+            self.block[from][from] += slope * slope;
+            self.block[from.min(to)][from.max(to)] -= slope * slope;
         }
     }
 }

@@ -46,7 +46,7 @@ pub(super) struct Task<'a> {
 }
 
 /// Most cycles of a roll-out.
-const MOST_STEPS: usize = 2000;
+const MOST_STEPS: usize = 1000;
 
 /// Distance from the end, in metres, and angle, in radians, at which the vehicle stops rather than creep.
 const AT_END: f64 = 2e-3;

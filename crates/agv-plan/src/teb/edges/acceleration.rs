@@ -1,7 +1,7 @@
 //! Accelerations.
 
 use super::{
-    BandEdge, Residuals, Term,
+    BandEdge, Residuals, Term, Window,
     segment::{Segment, change, pair},
 };
 use agv_core::kinematics::{MotionLimits, TwistLimits};
@@ -30,9 +30,9 @@ impl Acceleration {
 
 impl BandEdge<11> for Acceleration {
     #[inline]
-    fn residuals(&self, window: &[f64; 11], out: &mut impl Residuals) {
+    fn residuals(&self, window: &Window<11>, out: &mut impl Residuals) {
         let (first, second) = pair(window);
-        let (dt1, dt2) = (window[3], window[7]);
+        let (dt1, dt2) = (window.unknowns[3], window.unknowns[7]);
         let mut linear = |a: &Term<7>, b: &Term<7>| {
             change(a, b, dt1, dt2).within(self.share * linear_limit(&self.limits, a.value, b.value), self.root, out);
         };
@@ -75,10 +75,10 @@ pub struct EndSpeed {
 
 impl BandEdge<7> for EndSpeed {
     #[inline]
-    fn residuals(&self, window: &[f64; 7], out: &mut impl Residuals) {
+    fn residuals(&self, window: &Window<7>, out: &mut impl Residuals) {
         let segment = Segment::new(window);
         let (v, w) = (segment.rate(&segment.along), segment.rate(&segment.turn));
-        let (per, root) = (2.0 / window[3], self.weight.sqrt());
+        let (per, root) = (2.0 / window.unknowns[3], self.weight.sqrt());
         let mut edge = |rate: &Term<7>, given: f64, limit: f64| {
             let value = per * (rate.value - given);
             let mut gradient = rate.gradient.map(|g| per * g);

@@ -1,6 +1,6 @@
 //! Wishes: points to pass, and a side to turn to.
 
-use super::{BandEdge, Residuals, Term};
+use super::{BandEdge, Residuals, Term, Window};
 use nalgebra::Vector2;
 
 /// A pose should be near a point: `√w (x - point)`.
@@ -14,10 +14,10 @@ pub struct ViaPoint {
 
 impl BandEdge<3> for ViaPoint {
     #[inline]
-    fn residuals(&self, window: &[f64; 3], out: &mut impl Residuals) {
+    fn residuals(&self, window: &Window<3>, out: &mut impl Residuals) {
         let root = self.weight.sqrt();
-        out.add(root * (window[0] - self.point.x), &[root, 0.0, 0.0]);
-        out.add(root * (window[1] - self.point.y), &[0.0, root, 0.0]);
+        out.add(root * (window.unknowns[0] - self.point.x), &[root, 0.0, 0.0]);
+        out.add(root * (window.unknowns[1] - self.point.y), &[0.0, root, 0.0]);
     }
 }
 
@@ -32,8 +32,8 @@ pub struct Rotation {
 
 impl BandEdge<7> for Rotation {
     #[inline]
-    fn residuals(&self, window: &[f64; 7], out: &mut impl Residuals) {
-        let (side, turn) = (self.side, window[6] - window[2]);
+    fn residuals(&self, window: &Window<7>, out: &mut impl Residuals) {
+        let (side, turn) = (self.side, window.unknowns[6] - window.unknowns[2]);
         let gradient = [0.0, 0.0, side, 0.0, 0.0, 0.0, -side];
         Term { value: -side * turn, gradient }.at_most(0.0, self.weight.sqrt(), out);
     }

@@ -16,23 +16,29 @@ mod motion;
 mod obstacle;
 mod segment;
 mod steering;
+mod window;
 
 pub use acceleration::{Acceleration, EndSpeed};
 pub use guide::{Rotation, ViaPoint};
 pub use motion::{Duration, Length, NonHolonomic, Speed};
 pub use obstacle::{CautiousSpeed, Circle, Clearance, MovingClearance};
 pub use steering::{SteeringRate, TurningRadius};
+pub use window::{Direction, Window};
 
 /// Takes residuals as edges compute them.
 pub trait Residuals {
     /// A residual, its weight's root included, and its derivative by each unknown of the window.
     fn add<const K: usize>(&mut self, residual: f64, gradient: &[f64; K]);
+
+    /// A residual that depends on one unknown of its window, or on the difference of two: `slope` times the derivative by the
+    /// one at `to`, and its negative by the one at `from`, if there is one.
+    fn add_difference(&mut self, residual: f64, slope: f64, to: usize, from: Option<usize>);
 }
 
 /// Residuals of a band that depend on `K` unknowns that follow each other.
 pub trait BandEdge<const K: usize> {
     /// Says the residuals at a window of the band; those that are zero need not be said.
-    fn residuals(&self, window: &[f64; K], out: &mut impl Residuals);
+    fn residuals(&self, window: &Window<K>, out: &mut impl Residuals);
 }
 
 /// What a value is, and its derivative by each unknown of a window.
@@ -85,6 +91,13 @@ mod tests {
         fn add<const K: usize>(&mut self, residual: f64, gradient: &[f64; K]) {
             self.0.push((residual, gradient.to_vec()));
         }
+
+        fn add_difference(&mut self, residual: f64, slope: f64, to: usize, from: Option<usize>) {
+            let mut gradient = vec![0.0; 11];
+            gradient[to] = slope;
+            from.into_iter().for_each(|from| gradient[from] = -slope);
+            self.0.push((residual, gradient));
+        }
     }
 
     /// The gradient of the cost, which is smooth where hinges begin, against central differences; says whether there was a
@@ -93,7 +106,7 @@ mod tests {
         let window: [f64; K] = std::array::from_fn(|i| window[i]);
         let said = |window: &[f64; K]| {
             let mut said = Said::default();
-            edge.residuals(window, &mut said);
+            edge.residuals(&Window::new(window), &mut said);
             said.0
         };
         let cost = |window: &[f64; K]| said(window).iter().map(|(r, _)| 0.5 * r * r).sum::<f64>();

@@ -1,6 +1,6 @@
 //! Time, length, speeds and rolling without slipping.
 
-use super::{BandEdge, Residuals, Term, segment::Segment};
+use super::{BandEdge, Direction, Residuals, Term, Window, segment::Segment};
 use agv_core::kinematics::MotionLimits;
 
 /// The time between two poses should be short: `√w Δt`.
@@ -12,9 +12,9 @@ pub struct Duration {
 
 impl BandEdge<7> for Duration {
     #[inline]
-    fn residuals(&self, window: &[f64; 7], out: &mut impl Residuals) {
+    fn residuals(&self, window: &Window<7>, out: &mut impl Residuals) {
         let root = self.weight.sqrt();
-        out.add(root * window[3], &[0.0, 0.0, 0.0, root, 0.0, 0.0, 0.0]);
+        out.add_difference(root * window.unknowns[3], root, 3, None);
     }
 }
 
@@ -27,10 +27,10 @@ pub struct Length {
 
 impl BandEdge<7> for Length {
     #[inline]
-    fn residuals(&self, window: &[f64; 7], out: &mut impl Residuals) {
+    fn residuals(&self, window: &Window<7>, out: &mut impl Residuals) {
         let root = self.weight.sqrt();
-        out.add(root * (window[4] - window[0]), &[-root, 0.0, 0.0, 0.0, root, 0.0, 0.0]);
-        out.add(root * (window[5] - window[1]), &[0.0, -root, 0.0, 0.0, 0.0, root, 0.0]);
+        out.add_difference(root * (window.unknowns[4] - window.unknowns[0]), root, 4, Some(0));
+        out.add_difference(root * (window.unknowns[5] - window.unknowns[1]), root, 5, Some(1));
     }
 }
 
@@ -52,7 +52,7 @@ impl Speed {
 
 impl BandEdge<7> for Speed {
     #[inline]
-    fn residuals(&self, window: &[f64; 7], out: &mut impl Residuals) {
+    fn residuals(&self, window: &Window<7>, out: &mut impl Residuals) {
         let segment = Segment::new(window);
         let twist = &self.limits.twist;
         let (v, w) = (segment.rate(&segment.along), segment.rate(&segment.turn));
@@ -85,10 +85,11 @@ pub struct NonHolonomic {
 
 impl BandEdge<7> for NonHolonomic {
     #[inline]
-    fn residuals(&self, w: &[f64; 7], out: &mut impl Residuals) {
+    fn residuals(&self, window: &Window<7>, out: &mut impl Residuals) {
         let root = self.weight.sqrt();
+        let w = &window.unknowns;
         let (dx, dy) = (root * (w[4] - w[0]), root * (w[5] - w[1]));
-        let ((s1, c1), (s2, c2)) = (w[2].sin_cos(), w[6].sin_cos());
+        let [Direction { sin: s1, cos: c1 }, Direction { sin: s2, cos: c2 }] = window.headings;
         let (s, c) = (s1 + s2, c1 + c2);
         let by = |s: f64, c: f64| -s * dy - c * dx;
         out.add(c * dy - s * dx, &[root * s, -root * c, by(s1, c1), 0.0, -root * s, root * c, by(s2, c2)]);

@@ -1,6 +1,6 @@
 //! Clearance from what stands and from what moves, and speed by clearance.
 
-use super::{BandEdge, Residuals, Term, segment::Segment};
+use super::{BandEdge, Direction, Residuals, Term, Window, segment::Segment};
 use agv_core::{
     grid::LocalMap,
     obstacle::{Hull, MovingObstacle},
@@ -19,18 +19,17 @@ pub struct Circle {
 impl Circle {
     /// Where its centre is in the map at a pose, and by how much that moves per radian of heading.
     #[inline]
-    fn place(&self, window: &[f64; 3]) -> (Vector2<f64>, Vector2<f64>) {
-        let (sin, cos) = window[2].sin_cos();
+    fn place(&self, x: f64, y: f64, Direction { sin, cos }: Direction) -> (Vector2<f64>, Vector2<f64>) {
         let c = self.center;
         let arm = Vector2::new(cos * c.x - sin * c.y, sin * c.x + cos * c.y);
-        (Vector2::new(window[0] + arm.x, window[1] + arm.y), Vector2::new(-arm.y, arm.x))
+        (Vector2::new(x + arm.x, y + arm.y), Vector2::new(-arm.y, arm.x))
     }
 }
 
 /// Clearance of a circle on the field of distances, from the edge of the nearest blocked cell; none off the map.
 #[inline]
-fn clearance(map: &LocalMap, circle: &Circle, pose: &[f64; 3]) -> Option<Term<3>> {
-    let (point, by_yaw) = circle.place(pose);
+fn clearance<const K: usize>(map: &LocalMap, circle: &Circle, window: &Window<K>) -> Option<Term<3>> {
+    let (point, by_yaw) = circle.place(window.unknowns[0], window.unknowns[1], window.headings[0]);
     let (distance, slope) = map.distance_at(&point)?;
     let value = distance - circle.radius - 0.5 * map.layout().resolution();
     Some(Term { value, gradient: [slope.x, slope.y, slope.dot(&by_yaw)] })
@@ -52,7 +51,7 @@ pub struct Clearance<'a> {
 
 impl BandEdge<3> for Clearance<'_> {
     #[inline]
-    fn residuals(&self, window: &[f64; 3], out: &mut impl Residuals) {
+    fn residuals(&self, window: &Window<3>, out: &mut impl Residuals) {
         let root = self.weight.sqrt();
         for circle in self.circles {
             if let Some(term) = clearance(self.map, circle, window) {
@@ -81,9 +80,14 @@ pub struct CautiousSpeed<'a> {
 
 impl BandEdge<7> for CautiousSpeed<'_> {
     #[inline]
-    fn residuals(&self, window: &[f64; 7], out: &mut impl Residuals) {
-        let pose = [window[0], window[1], window[2]];
-        let near = |best: Option<Term<3>>, circle: &Circle| match (best, clearance(self.map, circle, &pose)) {
+    fn residuals(&self, window: &Window<7>, out: &mut impl Residuals) {
+        let segment = Segment::new(window);
+        let speed = segment.rate(&segment.along);
+        // Slow enough anywhere.
+        if speed.value.abs() <= self.speed {
+            return;
+        }
+        let near = |best: Option<Term<3>>, circle: &Circle| match (best, clearance(self.map, circle, window)) {
             (Some(a), Some(b)) => Some(if b.value < a.value { b } else { a }),
             (a, b) => a.or(b),
         };
@@ -91,8 +95,6 @@ impl BandEdge<7> for CautiousSpeed<'_> {
         if nearest.value >= self.caution {
             return;
         }
-        let segment = Segment::new(window);
-        let speed = segment.rate(&segment.along);
         let sign = speed.value.signum();
         let mut gradient = speed.gradient.map(|g| sign * g);
         let room = nearest.value.max(0.0);
@@ -129,11 +131,11 @@ pub struct MovingClearance<'a> {
 
 impl BandEdge<3> for MovingClearance<'_> {
     #[inline]
-    fn residuals(&self, window: &[f64; 3], out: &mut impl Residuals) {
+    fn residuals(&self, window: &Window<3>, out: &mut impl Residuals) {
         let root = self.weight.sqrt();
         let center = self.obstacle.position_after(self.time);
         for circle in self.circles {
-            let (point, by_yaw) = circle.place(window);
+            let (point, by_yaw) = circle.place(window.unknowns[0], window.unknowns[1], window.headings[0]);
             let reach = self.obstacle.circumscribed_radius() + circle.radius + self.clearance;
             let offset = point - center;
             if offset.norm_squared() > reach * reach {

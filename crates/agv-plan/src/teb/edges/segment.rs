@@ -1,6 +1,6 @@
 //! What lies between two poses, with derivatives.
 
-use super::Term;
+use super::{Direction, Term, Window};
 
 /// The way from a pose to the next, in the frame of the heading half-way: along, to the side, and by how much it turns.
 ///
@@ -15,9 +15,13 @@ pub(super) struct Segment {
 
 impl Segment {
     #[inline]
-    pub(super) fn new(w: &[f64; 7]) -> Self {
+    pub(super) fn new(window: &Window<7>) -> Self {
+        Self::at(&window.unknowns, window.middles[0])
+    }
+
+    #[inline]
+    fn at(w: &[f64; 7], Direction { sin, cos }: Direction) -> Self {
         let (dx, dy, turn) = (w[4] - w[0], w[5] - w[1], w[6] - w[2]);
-        let (sin, cos) = (0.5 * (w[2] + w[6])).sin_cos();
         let (along, across) = (dx * cos + dy * sin, dy * cos - dx * sin);
         Self {
             along: Term { value: along, gradient: [-cos, -sin, 0.5 * across, 0.0, cos, sin, 0.5 * across] },
@@ -40,9 +44,9 @@ impl Segment {
 
 /// The two segments of a window of three poses.
 #[inline]
-pub(super) fn pair(w: &[f64; 11]) -> (Segment, Segment) {
-    let at = |first: usize| std::array::from_fn(|i| w[first + i]);
-    (Segment::new(&at(0)), Segment::new(&at(4)))
+pub(super) fn pair(window: &Window<11>) -> (Segment, Segment) {
+    let at = |first: usize| std::array::from_fn(|i| window.unknowns[first + i]);
+    (Segment::at(&at(0), window.middles[0]), Segment::at(&at(4), window.middles[1]))
 }
 
 /// How fast a value changes from a segment to the next, from the middle of the one to the middle of the other:

@@ -1,7 +1,7 @@
 //! Vehicles that steer: how tightly they turn, and how fast that changes.
 
 use super::{
-    BandEdge, Residuals, Term,
+    BandEdge, Residuals, Term, Window,
     segment::{Segment, change, pair},
 };
 
@@ -16,7 +16,7 @@ pub struct TurningRadius {
 
 impl BandEdge<7> for TurningRadius {
     #[inline]
-    fn residuals(&self, window: &[f64; 7], out: &mut impl Residuals) {
+    fn residuals(&self, window: &Window<7>, out: &mut impl Residuals) {
         let segment = Segment::new(window);
         let (turn, along) = (segment.turn, segment.along);
         let (turn_sign, along_sign) = (turn.value.signum(), self.max_curvature * along.value.signum());
@@ -40,12 +40,12 @@ const SHORTEST: f64 = 0.01;
 
 impl BandEdge<11> for SteeringRate {
     #[inline]
-    fn residuals(&self, window: &[f64; 11], out: &mut impl Residuals) {
+    fn residuals(&self, window: &Window<11>, out: &mut impl Residuals) {
         let (first, second) = pair(window);
         if first.along.value.abs() < SHORTEST || second.along.value.abs() < SHORTEST {
             return;
         }
-        let rate = change(&curvature(&first), &curvature(&second), window[3], window[7]);
+        let rate = change(&curvature(&first), &curvature(&second), window.unknowns[3], window.unknowns[7]);
         rate.within(self.curvature_rate, self.weight.sqrt(), out);
     }
 }
