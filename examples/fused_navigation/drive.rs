@@ -15,7 +15,7 @@ use agv_support::{cli::Report, timing::Timings};
 const CYCLE: f64 = 0.1;
 const STEPS: u64 = 5;
 /// When a drive ends at the latest, in seconds.
-const TIMEOUT: f64 = 240.0;
+const TIMEOUT: f64 = 100.0;
 
 /// What became of a drive.
 pub(crate) struct Driven {

@@ -10,21 +10,22 @@ use std::{f64::consts::TAU, path::Path};
 pub(crate) fn draw(out: &Path, name: &str, drive: &Driven) -> Result<()> {
     let mut scene =
         Scene::new(format!("{name}: {:?} after {:.1} s", drive.status, drive.time)).width(900).map(&drive.map);
-    for shape in &drive.unknown {
+    for (index, shape) in drive.unknown.iter().enumerate() {
         if let Shape::Circle { center, radius } = shape {
-            scene = scene.line("unknown", Color::Red, circle(center, *radius));
+            let label = if index == 0 { "unknown" } else { "" };
+            scene = scene.line(label, Color::Red, circle(center, *radius));
         }
     }
     for disc in drive.moving.discs() {
         let states = (0..40).filter_map(|k| disc.at(f64::from(k) * disc.period() / 40.0).ok());
         scene = scene.line("moving", Color::Purple, states.map(|state| state.position));
         if let Ok(state) = disc.at(drive.time) {
-            scene = scene.line("moving", Color::Purple, circle(&state.position, disc.radius()));
+            scene = scene.line("", Color::Purple, circle(&state.position, disc.radius()));
         }
     }
     scene = scene.line("first path", Color::Sky, drive.path.iter().copied());
-    for node in &drive.path {
-        scene = scene.mark("key nodes", Color::Orange, *node);
+    for (index, node) in drive.path.iter().enumerate() {
+        scene = scene.mark(if index == 0 { "key nodes" } else { "" }, Color::Orange, *node);
     }
     scene
         .line("driven", Color::Blue, drive.track.iter().map(|(_, pose, _)| pose.translation()))

@@ -66,7 +66,7 @@ pub(crate) fn all(trials: &[Trial], args: &Args) -> Result<Vec<Run>> {
     let work = || {
         loop {
             let Some(index) = next.lock().ok().and_then(|mut next| next.next()) else { break };
-            let seed = args.common.seed().derive(1000 + index as u64);
+            let seed = args.common.seed().derive(trials[index].number);
             let run = one(&trials[index], args, seed);
             if let Ok(mut done) = done.lock() {
                 done[index] = Some(run);

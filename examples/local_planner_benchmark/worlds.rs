@@ -15,6 +15,8 @@ use std::path::PathBuf;
 pub(crate) struct Trial {
     /// What it is called in tables and file names.
     pub(crate) name: String,
+    /// Its number in the set: what its noise is drawn by, whichever worlds are run with it.
+    pub(crate) number: u64,
     /// Worlds of one class are counted together.
     pub(crate) class: String,
     /// What does not move.
@@ -83,6 +85,7 @@ fn barn(world: BarnWorld) -> Result<Trial> {
     let shape = |&center| Shape::Circle { center, radius: BarnWorld::CYLINDER_RADIUS };
     Ok(Trial {
         name: format!("barn_{:03}", world.index),
+        number: world.index as u64,
         class: "barn".into(),
         world: Box::new(World2d::new(world.cylinders.iter().map(shape).collect())?),
         discs: world.cylinders,
@@ -102,6 +105,7 @@ fn generated(index: usize, seed: Seed) -> Result<Trial> {
     let clutter = Clutter::generate(params, seed.derive(index as u64))?;
     Ok(Trial {
         name: format!("generated_{index:03}"),
+        number: index as u64,
         class: "generated".into(),
         world: Box::new(World2d::new(clutter.shapes())?),
         discs: clutter.cylinders().to_vec(),
@@ -121,6 +125,7 @@ fn dynabarn(world: DynabarnWorld) -> Result<Trial> {
     let discs = world.discs.iter().map(disc).collect::<std::result::Result<_, _>>()?;
     Ok(Trial {
         name: format!("dynabarn_{:02}_{}", world.index, world.difficulty),
+        number: world.index as u64,
         class: world.difficulty,
         world: Box::new(World2d::new(Vec::new())?),
         discs: Vec::new(),
@@ -151,6 +156,7 @@ fn mrpb(image: &PathBuf, tests: &PathBuf) -> Result<Vec<Trial>> {
             let way = (test.goal.translation() - test.start.translation()).norm();
             Ok(Trial {
                 name: format!("{name}_{}", test.number),
+                number: test.number as u64,
                 class: name.into(),
                 world: Box::new(GridWorld::new(&map)),
                 discs: Vec::new(),

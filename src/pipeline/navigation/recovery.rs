@@ -61,13 +61,13 @@ impl Behaviour {
         footprint: &Footprint,
         path: &Path,
     ) -> Result<Self, Error> {
-        let manoeuvre =
-            if before % 4 == 0 || before % 4 == 2 { Manoeuvre::find(request, footprint, path)? } else { None };
-        let kind = match before % 4 {
-            0 | 2 if manoeuvre.is_some() => Recovery::Manoeuvre,
-            0 | 1 => Recovery::Rotate,
-            2 => Recovery::BackOff,
-            _ => Recovery::LookAgain,
+        let manoeuvre = if before % 2 == 0 { Manoeuvre::find(request, footprint, path)? } else { None };
+        // Forgetting what was seen loses what lies behind: the last resort.
+        let kind = match before % 8 {
+            7 => Recovery::LookAgain,
+            0 | 2 | 4 | 6 if manoeuvre.is_some() => Recovery::Manoeuvre,
+            0 | 1 | 4 | 5 => Recovery::Rotate,
+            _ => Recovery::BackOff,
         };
         let start = request.state.map_from_base;
         // Where the path is half a metre on, or the first look if there is none: all around, a third of a turn each time.
