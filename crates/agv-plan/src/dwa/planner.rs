@@ -426,3 +426,6 @@ fn towards(now: f64, target: f64, up: f64, down: f64) -> f64 {
     let lowest = now - if now > 0.0 { down } else { up };
     target.max(lowest).min(highest)
 }
+
+#[cfg(test)]
+mod tests;

@@ -401,3 +401,6 @@ pub(crate) struct LocalOrigin {
 
 /// Steps of a way at the most.
 const MOST_STEPS: usize = 96;
+
+#[cfg(test)]
+mod tests;

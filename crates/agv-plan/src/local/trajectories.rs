@@ -387,3 +387,6 @@ fn ramp(now: f32, target: f32, up: f32, down: f32) -> f32 {
     let lowest = now - if now > 0.0 { down } else { up };
     target.max(lowest).min(highest)
 }
+
+#[cfg(test)]
+mod tests;
