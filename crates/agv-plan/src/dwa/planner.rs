@@ -63,6 +63,8 @@ pub struct Dwa {
     order: Vec<u32>,
     /// Commands that the guard refused in this cycle.
     refused: Vec<Motion>,
+    /// Why the last one was refused.
+    reason: BlockReason,
     speeds: Vec<f64>,
     turns: Vec<f64>,
     /// What was aimed at last.
@@ -80,6 +82,9 @@ struct Patience {
 
 /// Way that counts as progress, in metres.
 const PROGRESS: f64 = 0.05;
+
+/// How much closer, in cells, a vehicle that cannot get on may come to what looks like an obstacle.
+const RELAXED: f32 = 1.0;
 
 /// Commands that the guard may refuse in one cycle.
 const MOST_CHECKED: usize = 64;
@@ -115,6 +120,7 @@ impl Dwa {
             scratch: Vec::new(),
             order: Vec::new(),
             refused: Vec::with_capacity(MOST_CHECKED),
+            reason: BlockReason::Obstacle,
             speeds: Vec::new(),
             turns: Vec::new(),
             last: Twist2::ZERO,
@@ -281,6 +287,24 @@ impl Dwa {
         self.sample(request, drive);
         self.batch.roll_out(&request.state, request.limits, request.map, &self.params.footprint);
         self.batch.meet(request.obstacles);
+        self.judge(request, drive, target);
+        if let Some(command) = self.best(request)? {
+            return Ok(command);
+        }
+        // Who stands may look more closely: what only seems to touch may be free.
+        if request.state.twist == Twist2::ZERO {
+            self.batch.relax(request.map, RELAXED);
+            self.judge(request, drive, target);
+            if let Some(command) = self.best(request)? {
+                return Ok(command);
+            }
+        }
+        self.last = Twist2::ZERO;
+        self.blocked(request, self.reason)
+    }
+
+    /// Lets the critics score the batch.
+    fn judge(&mut self, request: &LocalPlanRequest<'_>, drive: &Drive, target: Vector2<f64>) {
         let scene = Scene {
             request,
             drive,
@@ -291,18 +315,17 @@ impl Dwa {
             last: self.last,
         };
         score(&mut self.critics, &self.batch, &scene, &mut self.totals, &mut self.scratch);
-        self.best(request)
     }
 
-    /// The best command that the guard lets pass; a brake if none does.
-    fn best(&mut self, request: &LocalPlanRequest<'_>) -> Result<LocalCommand, LocalPlanError> {
+    /// The best command that the guard lets pass, if any.
+    fn best(&mut self, request: &LocalPlanRequest<'_>) -> Result<Option<LocalCommand>, LocalPlanError> {
         let totals = &self.totals;
         self.order.clear();
         self.order.extend((0..totals.len() as u32).filter(|&i| totals[i as usize].is_finite()));
         let by_cost = |a: &u32, b: &u32| totals[*a as usize].total_cmp(&totals[*b as usize]).then(a.cmp(b));
         self.order.sort_unstable_by(by_cost);
         self.refused.clear();
-        let mut reason = if self.order.is_empty() { BlockReason::Obstacle } else { BlockReason::Limits };
+        self.reason = BlockReason::Obstacle;
         for k in 0..self.order.len() {
             let i = self.order[k] as usize;
             let motion = self.command_towards(request, i);
@@ -319,33 +342,27 @@ impl Dwa {
                     let stands = motion.twist == Twist2::ZERO && request.state.twist == Twist2::ZERO;
                     let turns_wheels = motion.steering != request.state.steering && motion.steering.is_some();
                     let status = if stands && !turns_wheels {
-                        LocalPlanStatus::Blocked(self.standing_reason(request, reason))
+                        LocalPlanStatus::Blocked(self.standing_reason(request))
                     } else {
                         LocalPlanStatus::Following
                     };
-                    return Ok(LocalCommand { motion, status });
+                    return Ok(Some(LocalCommand { motion, status }));
                 }
                 Verdict::Blocked(because) => {
-                    reason = because;
+                    self.reason = because;
                     self.refused.push(motion);
                 }
             }
         }
-        self.last = Twist2::ZERO;
-        self.blocked(request, reason)
+        Ok(None)
     }
 
     /// Why it is best to stand.
-    fn standing_reason(&self, request: &LocalPlanRequest<'_>, reason: BlockReason) -> BlockReason {
+    fn standing_reason(&self, request: &LocalPlanRequest<'_>) -> BlockReason {
         let reach = self.params.look_ahead;
         let position = request.state.map_from_base.translation();
-        if request.obstacles.iter().any(|o| (o.position - position).norm() - o.circumscribed_radius() < reach) {
-            BlockReason::MovingObstacle
-        } else if reason == BlockReason::Limits {
-            BlockReason::Obstacle
-        } else {
-            reason
-        }
+        let near = request.obstacles.iter().any(|o| (o.position - position).norm() - o.circumscribed_radius() < reach);
+        if near { BlockReason::MovingObstacle } else { self.reason }
     }
 
     fn blocked(&self, request: &LocalPlanRequest<'_>, reason: BlockReason) -> Result<LocalCommand, LocalPlanError> {
@@ -409,3 +426,6 @@ fn towards(now: f64, target: f64, up: f64, down: f64) -> f64 {
     let lowest = now - if now > 0.0 { down } else { up };
     target.max(lowest).min(highest)
 }
+
+#[cfg(test)]
+mod tests;

@@ -9,7 +9,7 @@
 //! are computed in loops that vectorise, the look-up is scalar. The price does not depend on how many obstacles there are.
 
 use agv_core::{
-    geometry::{LieGroup, Se2, So2, Twist2},
+    geometry::{LieGroup, Se2, Twist2},
     grid::{Cell, Footprint, LocalMap, Revision},
     kinematics::MotionLimits,
     obstacle::MovingObstacle,
@@ -74,6 +74,10 @@ pub struct Trajectories {
     limit: f32,
 }
 
+/// How much deeper in what looks like an obstacle a trajectory may lead than where the vehicle stands, in cells: the circles and cells of the
+/// look-up claim more than the vehicle and the obstacles have.
+const SLACK: f32 = 0.25;
+
 /// Trajectories are padded to whole registers.
 const LANES: usize = 16;
 
@@ -137,7 +141,7 @@ impl Trajectories {
     }
 
     /// Begins a batch of `steps` steps of `dt` seconds.
-    pub(crate) fn begin(&mut self, state: &VehicleState, map: &LocalMap, steps: usize, dt: f64) {
+    pub fn begin(&mut self, state: &VehicleState, map: &LocalMap, steps: usize, dt: f64) {
         let rotation = map.layout().map_from_grid().rotation();
         self.map_from_local = Se2::from_parts(state.map_from_base.translation(), rotation);
         (self.steps, self.dt, self.len) = (steps, dt, 0);
@@ -145,7 +149,7 @@ impl Trajectories {
     }
 
     /// Adds a trajectory by what it aims at.
-    pub(crate) fn push(&mut self, target: [f32; 3]) {
+    pub fn push(&mut self, target: [f32; 3]) {
         for (all, value) in self.targets.iter_mut().zip(target) {
             all.push(value);
         }
@@ -153,13 +157,7 @@ impl Trajectories {
     }
 
     /// Rolls all out from the vehicle's state, and looks up how clear they are.
-    pub(crate) fn roll_out(
-        &mut self,
-        state: &VehicleState,
-        limits: &MotionLimits,
-        map: &LocalMap,
-        footprint: &Footprint,
-    ) {
+    pub fn roll_out(&mut self, state: &VehicleState, limits: &MotionLimits, map: &LocalMap, footprint: &Footprint) {
         self.stride = self.len.next_multiple_of(LANES);
         let (stride, cells) = (self.stride, self.stride * self.steps);
         for array in [&mut self.x, &mut self.y, &mut self.cos, &mut self.sin, &mut self.clearance] {
@@ -284,7 +282,7 @@ impl Trajectories {
             }
         }
         let present = self.clearance_here(map, &origin);
-        self.limit = present.min(0.0);
+        self.limit = present.min(0.0) - SLACK * layout.resolution() as f32;
         self.count_free();
     }
 
@@ -302,6 +300,12 @@ impl Trajectories {
         self.circles.iter().map(of_circle).fold(f32::MAX, f32::min)
     }
 
+    /// Lets the trajectories come `cells` cells of the map nearer to obstacles before they count as blocked.
+    pub(crate) fn relax(&mut self, map: &LocalMap, cells: f32) {
+        self.limit -= cells * map.layout().resolution() as f32;
+        self.count_free();
+    }
+
     fn count_free(&mut self) {
         self.free.fill(0);
         let limit = self.limit;
@@ -314,7 +318,7 @@ impl Trajectories {
     }
 
     /// Takes in the obstacles that move: each step is compared with where they are at its time.
-    pub(crate) fn meet(&mut self, obstacles: &[MovingObstacle]) {
+    pub fn meet(&mut self, obstacles: &[MovingObstacle]) {
         if obstacles.is_empty() {
             return;
         }
@@ -359,11 +363,6 @@ impl Trajectories {
         let [vx, vy, turn] = self.target(i).map(f64::from);
         Twist2::new(vx, vy, if steers { turn * vx } else { turn })
     }
-
-    /// Direction of the local x axis in the map.
-    pub(crate) fn rotation(&self) -> So2 {
-        self.map_from_local.rotation()
-    }
 }
 
 /// One step of all trajectories.
@@ -388,3 +387,6 @@ fn ramp(now: f32, target: f32, up: f32, down: f32) -> f32 {
     let lowest = now - if now > 0.0 { down } else { up };
     target.max(lowest).min(highest)
 }
+
+#[cfg(test)]
+mod tests;

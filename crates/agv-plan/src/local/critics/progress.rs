@@ -3,7 +3,6 @@
 use super::{Scene, TrajectoryCost};
 use crate::local::Trajectories;
 use agv_core::path::Gear;
-use nalgebra::Vector2;
 
 /// The least, over the part of a trajectory that is free, of
 ///
@@ -44,8 +43,7 @@ impl TrajectoryCost for Progress {
     }
 
     fn add_costs(&mut self, batch: &Trajectories, scene: &Scene<'_>, costs: &mut [f32]) {
-        let (cos, sin) = (batch.rotation().cos(), batch.rotation().sin());
-        let origin = batch.map_from_local().translation();
+        let Some(local) = scene.field.origin_of(&batch.map_from_local().translation()) else { return };
         let gear = if scene.drive.gear == Gear::Reverse { -1.0 } else { 1.0 };
         let per_room = 1.0 / self.room.max(1e-3);
         let (nearness, best) = (&mut self.near, &mut self.best);
@@ -67,18 +65,12 @@ impl TrajectoryCost for Progress {
                 if batch.free()[i] as usize <= step || !costs[i].is_finite() {
                     continue;
                 }
-                let (x, y) = (f64::from(view.x[i]), f64::from(view.y[i]));
-                let point = Vector2::new(origin.x + cos * x - sin * y, origin.y + sin * x + cos * y);
-                let value = scene.field.value_at(&point);
+                let (value, [along, across]) = scene.field.local_value(&local, view.x[i], view.y[i]);
                 let floor = value + self.waiting * elapsed + self.nearness * nearness[i] * per_step;
-                if floor >= best[i] {
-                    continue;
+                if floor < best[i] {
+                    let aligned = gear * (view.cos[i] * along + view.sin[i] * across);
+                    best[i] = best[i].min(floor + self.turning * (1.0 - aligned));
                 }
-                let aligned = scene.field.descent(&point).map_or(0.0, |descent| {
-                    let (along, across) = (cos * descent.x + sin * descent.y, cos * descent.y - sin * descent.x);
-                    gear * (f64::from(view.cos[i]) * along + f64::from(view.sin[i]) * across)
-                });
-                best[i] = best[i].min(floor + self.turning * (1.0 - aligned as f32));
             }
         }
         for (cost, best) in costs.iter_mut().zip(best) {
