@@ -60,7 +60,7 @@ impl Teb {
             return Ok((Choice::Hold, LocalPlanStatus::Following));
         }
         self.turning = None;
-        let Self { params, circles, samples, offsets, scratch, slots, last, guard, .. } = self;
+        let Self { params, circles, samples, offsets, scratch, slots, last, .. } = self;
         let ground = Ground::new(params, circles, request, gear);
         let task = Task { request, footprint: &params.footprint, ground };
         let problem = Problem {
@@ -117,7 +117,19 @@ impl Teb {
             return Ok((Choice::Hold, LocalPlanStatus::Blocked(BlockReason::Obstacle)));
         };
         last.copy_from(&slots[best].band);
-        // However the roll-out goes on: after its first motion the vehicle must be able to brake.
+        self.release(request, gear, best)
+    }
+
+    /// What of a way may be done: after its first motion the vehicle must be able to brake, however the roll-out goes on.
+    fn release(
+        &mut self,
+        request: &LocalPlanRequest<'_>,
+        gear: f64,
+        best: usize,
+    ) -> Result<(Choice, LocalPlanStatus), LocalPlanError> {
+        let Self { params, circles, slots, guard, .. } = self;
+        let ground = Ground::new(params, circles, request, gear);
+        let task = Task { request, footprint: &params.footprint, ground };
         let slot = &mut slots[best];
         let mut verdict = Verdict::Clear;
         for share in SPEED_SHARES {

@@ -9,10 +9,14 @@ use agv_core::{
     geometry::{Se2, Twist2},
     grid::{Costmap, LocalMap, LocalMapParams},
     nalgebra::Vector2,
+    obstacle::MovingObstacle,
     path::Path,
     roles::{LocalPlanRequest, LocalPlanStatus, LocalPlanner, VehicleState},
 };
-use agv_plan::teb::{Teb, TebParams};
+use agv_plan::{
+    local::moving::{Stretch, touches},
+    teb::{Teb, TebParams},
+};
 use rand_distr::{Distribution, Normal};
 
 /// A post right on the path, seen anew in each cycle with noise, by a vehicle that knows its place with noise: the band passes it on
@@ -25,7 +29,7 @@ fn a_symmetrical_obstacle_is_passed_on_one_side() {
     let noise = Normal::new(0.0, 0.01).unwrap();
     let mut costmap = clear.clone();
     let mut map = LocalMap::new(&clear, LocalMapParams::default()).unwrap();
-    let (mut left, mut most) = (0, 0);
+    let mut left = 0;
     for seed in 0..100 {
         let mut stream = Seed(seed).stream(0, 0);
         let mut teb = Teb::new(TebParams::for_footprint(footprint())).unwrap();
@@ -61,10 +65,9 @@ fn a_symmetrical_obstacle_is_passed_on_one_side() {
         }
         assert!(arrived, "{seed}: {state:?}");
         left += i32::from(side == Some(true));
-        most = most.max(changes);
         assert!(changes <= 1, "{seed}: {changes} changes");
     }
-    eprintln!("{left} of 100 to the left, at most {most} changes");
+    assert!((20..=80).contains(&left), "neither side is preferred: {left}");
 }
 
 fn redraw(costmap: &mut Costmap, clear: &Costmap, center: Vector2<f64>) {
@@ -75,8 +78,6 @@ fn redraw(costmap: &mut Costmap, clear: &Costmap, center: Vector2<f64>) {
 /// Somebody crosses: the vehicle gives way or passes, and touches nobody.
 #[test]
 fn who_crosses_is_not_touched() {
-    use agv_core::obstacle::MovingObstacle;
-    use agv_plan::local::moving::{Stretch, touches};
     let map = LocalMap::new(&hall(9.0, 6.0), LocalMapParams::default()).unwrap();
     let path = Path::from_positions(&[Vector2::new(1.0, 3.0), Vector2::new(8.0, 3.0)]).unwrap();
     let limits = barn_limits();

@@ -95,7 +95,9 @@ mod tests {
         fn add_difference(&mut self, residual: f64, slope: f64, to: usize, from: Option<usize>) {
             let mut gradient = vec![0.0; 11];
             gradient[to] = slope;
-            from.into_iter().for_each(|from| gradient[from] = -slope);
+            if let Some(from) = from {
+                gradient[from] = -slope;
+            }
             self.0.push((residual, gradient));
         }
     }
