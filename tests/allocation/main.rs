@@ -13,6 +13,7 @@ mod particle_models;
 mod planning;
 #[path = "../scenes/mod.rs"]
 mod scenes;
+mod seeing;
 mod sensors;
 mod simulation;
 mod tracking;

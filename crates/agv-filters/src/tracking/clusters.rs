@@ -213,3 +213,107 @@ fn close(clusters: &mut Vec<Cluster>, points: Range<usize>, hits: &[Hit]) {
         clusters.push(Cluster { points, hidden: [false; 2] });
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use agv_core::{sensors::ScanGeometry, time::Stamp};
+    use proptest::prelude::*;
+
+    fn segmented(geometry: ScanGeometry, ranges: &[f32], min_points: usize) -> ScanClusters {
+        let scan = LaserScan::new(Stamp::default(), geometry, ranges.to_vec()).unwrap();
+        let params = ClusterParams { min_points, ..Default::default() };
+        let mut clusters = ScanClusters::new(params).unwrap();
+        clusters.segment(&scan, &Se2::new(1.0, -2.0, 0.4), |_, _| true);
+        clusters
+    }
+
+    fn any_ranges() -> impl Strategy<Value = Vec<f32>> {
+        let piece = prop_oneof![
+            6 => (0.5..9.0_f32, 1_usize..12).prop_map(|(range, len)| vec![range; len]),
+            1 => Just(vec![f32::NAN]),
+            1 => Just(vec![f32::INFINITY]),
+        ];
+        prop::collection::vec(piece, 0..20).prop_map(|pieces| pieces.concat())
+    }
+
+    proptest! {
+        /// Every hit is in exactly one cluster, if single points may be clusters, in the order of the beams.
+        #[test]
+        fn clusters_part_the_hits(ranges in any_ranges()) {
+            let clusters = segmented(ScanGeometry::default(), &ranges, 1);
+            let hits: Vec<usize> = (0..ranges.len()).filter(|&i| ranges[i].is_finite()).collect();
+            prop_assert_eq!(clusters.beams(), &hits[..]);
+            let mut next = 0;
+            for cluster in clusters.clusters() {
+                prop_assert_eq!(cluster.points.start, next);
+                next = cluster.points.end;
+            }
+            prop_assert_eq!(next, hits.len());
+        }
+
+        /// A scanner that turns the other way finds the same things.
+        #[test]
+        fn mirrored_scans_have_mirrored_clusters(ranges in any_ranges()) {
+            let geometry = ScanGeometry { angle_min: -1.0, ..Default::default() };
+            let forth = segmented(geometry, &ranges, 2);
+            let end = geometry.angle(ranges.len().max(1) - 1);
+            let back = ScanGeometry { angle_min: end, angle_increment: -geometry.angle_increment, ..geometry };
+            let mut turned = ranges.clone();
+            turned.reverse();
+            let back = segmented(back, &turned, 2);
+            let sizes = |clusters: &ScanClusters| -> Vec<(usize, [bool; 2])> {
+                clusters.clusters().iter().map(|c| (c.points.len(), c.hidden)).collect()
+            };
+            let mut expected = sizes(&forth);
+            expected.reverse();
+            for (_, hidden) in &mut expected {
+                hidden.reverse();
+            }
+            prop_assert_eq!(sizes(&back), expected);
+        }
+    }
+
+    #[test]
+    fn a_full_turn_has_no_seam() {
+        let step = TAU / 360.0;
+        let geometry = ScanGeometry { angle_min: 0.0, angle_increment: step, ..Default::default() };
+        let mut ranges = vec![6.0; 360];
+        // A post across the first beam, and one elsewhere.
+        for beam in [357, 358, 359, 0, 1, 180, 181, 182] {
+            ranges[beam] = 2.0;
+        }
+        let clusters = segmented(geometry, &ranges, 3);
+        let posts: Vec<&Cluster> = clusters.clusters().iter().filter(|c| c.points.len() < 10).collect();
+        assert_eq!(posts.iter().map(|c| c.points.len()).collect::<Vec<_>>(), [3, 5]);
+        assert!(posts.iter().all(|c| c.hidden == [false, false]));
+        assert_eq!(clusters.beams()[posts[1].points.clone()], [357, 358, 359, 0, 1]);
+    }
+
+    #[test]
+    fn what_is_not_kept_parts_its_neighbours() {
+        let scan = LaserScan::new(Stamp::default(), ScanGeometry::default(), vec![3.0; 30]).unwrap();
+        let mut clusters = ScanClusters::new(ClusterParams::default()).unwrap();
+        clusters.segment(&scan, &Se2::default(), |beam, _| !(10..12).contains(&beam));
+        assert_eq!(clusters.clusters().iter().map(|c| c.points.len()).collect::<Vec<_>>(), [10, 18]);
+        clusters.segment(
+            &LaserScan::new(Stamp::default(), ScanGeometry::default(), vec![]).unwrap(),
+            &Se2::default(),
+            |_, _| true,
+        );
+        assert!(clusters.clusters().is_empty() && clusters.points().is_empty());
+    }
+
+    #[test]
+    fn bad_parameters_are_named() {
+        let good = ClusterParams::default();
+        for (name, bad) in [
+            ("incidence", ClusterParams { incidence: 0.0, ..good }),
+            ("incidence", ClusterParams { incidence: f64::NAN, ..good }),
+            ("range_sigma", ClusterParams { range_sigma: -1.0, ..good }),
+            ("min_points", ClusterParams { min_points: 0, ..good }),
+        ] {
+            assert!(ScanClusters::new(bad).unwrap_err().to_string().starts_with(name), "{name}");
+        }
+    }
+}

@@ -98,8 +98,8 @@ impl Track {
     }
 
     /// Moves it on; says whether its numbers are still some.
-    pub(super) fn predict(&mut self, model: &ConstantVelocity, dt: f64) -> bool {
-        self.filter.predict(model, &(), dt).is_ok()
+    pub(super) fn predict(&mut self, model: ConstantVelocity, dt: f64) -> bool {
+        self.filter.predict(&model, &(), dt).is_ok()
     }
 
     /// Squared Mahalanobis distance of an outline, of place and size together; infinite if it is not comparable.

@@ -1,23 +1,24 @@
 //! Finds what moves in the scans of one or more lasers, and follows it.
 
 use super::{
-    Assignment, Cluster, ConstantVelocity, Outline, ScanClusters, TrackerParams,
+    Assignment, ConstantVelocity, Outline, ScanClusters, TrackerParams,
     track::Track,
     views::{View, Views},
 };
 use agv_core::{
     Error, check,
-    geometry::{LieGroup, Se2, Twist2},
+    geometry::{Se2, Twist2},
     grid::{CellState, DistanceParams, DistanceTransform, Grid},
     metrics::chi_square_quantile,
-    obstacle::{MovingObstacle, ObstacleId},
+    obstacle::MovingObstacle,
     sensors::{BodyMotion, ConstantTwist, Deskew, LaserScan, ScanGeometry},
     time::Stamp,
 };
-use nalgebra::{Matrix4, Vector2};
+use nalgebra::Matrix4;
 
 #[cfg(feature = "serde")]
 mod checkpoint;
+mod cycle;
 
 /// A thing that is followed, moving or not.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -32,6 +33,8 @@ pub struct TrackedObstacle {
     pub moving: bool,
     /// Scans that showed it.
     pub hits: u32,
+    /// Seconds since the last of them.
+    pub unseen_for: f64,
 }
 
 /// Tracks obstacles through the scans of one or more lasers, and tells what moves.
@@ -91,6 +94,8 @@ pub struct ObstacleTracker {
     scan: LaserScan,
     present: View,
     deskew: Deskew,
+    /// Scans of lasers that sweep, as if taken at once: one for each.
+    flat: Vec<LaserScan>,
     clusters: ScanClusters,
     /// Outlines of the clusters that are small enough, and which clusters these are.
     outlines: Vec<(usize, Outline)>,
@@ -103,6 +108,9 @@ pub struct ObstacleTracker {
 
 /// Most seconds by which a scan may be older than the last.
 const LATE: f64 = 0.1;
+
+/// Distance from what moves within which a hit belongs to it, in metres.
+const STRAY: f64 = 0.1;
 
 /// Seconds after which a track that should be in sight, and is not, is given up.
 const GIVE_UP: f64 = 0.25;
@@ -128,6 +136,7 @@ impl ObstacleTracker {
             present: View::new(Stamp::default(), &Se2::default(), &scan),
             scan,
             deskew: Deskew::default(),
+            flat: Vec::new(),
             clusters: ScanClusters::new(params.clusters)?,
             outlines: Vec::new(),
             assignment: Assignment::default(),
@@ -194,13 +203,14 @@ impl ObstacleTracker {
         self.now = Some(now);
         self.present.retake(now, map_from_base, &self.scan);
         let (model, coast_time) = (self.model, self.params.coast_time);
-        self.tracks.retain_mut(|track| now - track.seen <= coast_time && track.predict(&model, dt));
+        self.tracks.retain_mut(|track| now - track.seen <= coast_time && track.predict(model, dt));
         self.see(map_from_base);
         self.associate(map_from_base, now, dt);
         self.judge(now);
         self.views.remember(now, map_from_base, &self.scan, self.params.memory);
         self.obstacles.clear();
         self.obstacles.extend(self.tracks.iter().filter(|track| track.moving).map(Track::obstacle));
+        self.mark_strays();
         Ok(&self.obstacles)
     }
 
@@ -211,12 +221,14 @@ impl ObstacleTracker {
 
     /// All that is followed, moving or not.
     pub fn tracks(&self) -> impl Iterator<Item = TrackedObstacle> + '_ {
-        self.tracks.iter().map(|track| TrackedObstacle {
+        let now = self.now.unwrap_or_default();
+        self.tracks.iter().map(move |track| TrackedObstacle {
             obstacle: track.obstacle(),
             covariance: *track.filter.covariance(),
             radius_sigma: track.radius.1.sqrt(),
             moving: track.moving,
             hits: track.hits,
+            unseen_for: now - track.seen,
         })
     }
 
@@ -225,7 +237,8 @@ impl ObstacleTracker {
         &self.scan
     }
 
-    /// Whether a beam of [`scan`](Self::scan) ended on something that moves: it should not be marked in a map of what stands.
+    /// Whether a beam of [`scan`](Self::scan) ended on something that moves, or within 0.1 m of it: it should not be marked in a
+    /// map of what stands.
     pub fn is_moving_beam(&self, beam: usize) -> bool {
         self.moving_beams.get(beam).copied().unwrap_or(false)
     }
@@ -245,80 +258,25 @@ impl ObstacleTracker {
             return Ok(());
         }
         let geometry = ScanGeometry { time_increment: 0.0, ..*scan.geometry() };
-        if *self.scan.geometry() != geometry || self.scan.len() != scan.len() {
-            self.scan = LaserScan::new(scan.stamp(), geometry, vec![f32::NAN; scan.len()])?;
+        let known = self.flat.iter().position(|flat| *flat.geometry() == geometry && flat.len() == scan.len());
+        let index = known.unwrap_or(self.flat.len());
+        if known.is_none() {
+            self.flat.retain(|flat| flat.sensor() != scan.sensor());
+            self.flat.push(LaserScan::new(scan.stamp(), geometry, vec![f32::NAN; scan.len()])?);
         }
-        self.deskew.scan_into(scan, motion, &mut self.scan)
+        let last = self.flat.len().saturating_sub(1);
+        if let Some(flat) = self.flat.get_mut(index.min(last)) {
+            self.deskew.scan_into(scan, motion, flat)?;
+            self.scan.copy_masked(flat, |_| true);
+        }
+        Ok(())
     }
 
-    /// Finds the outlines in the scan.
-    fn see(&mut self, map_from_base: &Se2) {
-        let (explained, tolerance) = (&self.explained, self.params.map_tolerance as f32);
-        self.clusters.segment(&self.scan, map_from_base, |_, point| {
-            !explained.as_ref().is_some_and(|field| {
-                field.layout().cell_at(point).and_then(|cell| field.get(cell)).is_some_and(|&d| d <= tolerance)
-            })
-        });
-        let sensor = sensor_at(map_from_base, &self.scan);
-        self.outlines.clear();
-        for (index, cluster) in self.clusters.clusters().iter().enumerate() {
-            let points = self.clusters.points_of(cluster);
-            if extent(points) <= self.params.max_extent
-                && let Some(outline) = Outline::of(points, &sensor, cluster.hidden, self.params.surface_sigma, None)
-            {
-                self.outlines.push((index, outline));
-            }
-        }
-    }
-
-    /// Gives outlines to tracks, and begins and ends tracks.
-    fn associate(&mut self, map_from_base: &Se2, now: Stamp, dt: f64) {
-        let Self { params, tracks, outlines, pairs, clusters, taken, .. } = self;
-        pairs.clear();
-        for (row, track) in tracks.iter().enumerate() {
-            let distances = outlines.iter().map(|(_, outline)| track.distance(outline)).enumerate();
-            let gate = self.gate;
-            pairs.extend(distances.filter(|(_, d)| *d < gate).map(|(column, d)| (row, column, d)));
-        }
-        self.assignment.solve(tracks.len(), outlines.len(), self.gate, pairs.iter().copied());
-        taken.clear();
-        taken.resize(outlines.len(), false);
-        self.moving_beams.clear();
-        self.moving_beams.resize(self.scan.len(), false);
-        let sensor = sensor_at(map_from_base, &self.scan);
-        for (track, &column) in tracks.iter_mut().zip(self.assignment.column_of()) {
-            let Some(&(cluster, outline)) = column.and_then(|column| outlines.get(column)) else {
-                let gone = self.present.sees_through(&track.position(), params.free_margin);
-                track.absent = if gone { track.absent + dt } else { track.absent };
-                continue;
-            };
-            if let Some(slot) = column.and_then(|column| taken.get_mut(column)) {
-                *slot = true;
-            }
-            let Some(cluster) = clusters.clusters().get(cluster) else { continue };
-            let points = clusters.points_of(cluster);
-            // Again, by what the track knows of the size.
-            let known = outline.hull.is_none().then_some(track.radius);
-            let better = known
-                .and_then(|radius| Outline::of(points, &sensor, cluster.hidden, params.surface_sigma, Some(radius)));
-            if !track.update(&better.unwrap_or(outline), points, now, params.memory / 3.0) {
-                track.absent = f64::INFINITY;
-                continue;
-            }
-            let evidence = track.has_speed(params.min_speed, self.speed_limit)
-                && moves(track, points, now, &self.views, &self.present, params);
-            track.judge(evidence, params.confirm_hits);
-            if track.moving {
-                mark(&mut self.moving_beams, clusters, cluster);
-            }
-        }
-        tracks.retain(|track| track.absent <= GIVE_UP);
-        for ((cluster, outline), taken) in outlines.iter().zip(taken) {
-            let Some(cluster) = clusters.clusters().get(*cluster).filter(|_| !*taken) else { continue };
-            let points = clusters.points_of(cluster);
-            if let Some(track) = Track::new(ObstacleId(self.next_id), outline, points, now, params) {
-                self.next_id += 1;
-                tracks.push(track);
+    /// Beams that graze a thing's edge are often in none of its clusters.
+    fn mark_strays(&mut self) {
+        for (point, &beam) in self.clusters.points().iter().zip(self.clusters.beams()) {
+            if let Some(moving) = self.moving_beams.get_mut(beam) {
+                *moving |= self.obstacles.iter().any(|obstacle| obstacle.distance_after(0.0, point) < STRAY);
             }
         }
     }
@@ -328,54 +286,4 @@ impl ObstacleTracker {
         let (confirm_hits, give_up) = (self.params.confirm_hits, GIVE_UP);
         self.tracks.retain(|track| track.hits >= confirm_hits || now - track.seen <= give_up);
     }
-}
-
-/// Whether a thing is where earlier scans saw through, or has left where it was.
-fn moves(
-    track: &Track,
-    points: &[Vector2<f64>],
-    now: Stamp,
-    views: &Views,
-    present: &View,
-    params: &TrackerParams,
-) -> bool {
-    let ages = (params.memory / 4.0, 1.5 * params.memory);
-    let stride = points.len().div_ceil(24).max(1);
-    let came = || {
-        let new = points.iter().step_by(stride).filter(|p| views.saw_through(now, ages, p, params.free_margin));
-        new.take(3).count() == 3
-    };
-    let left = || {
-        let gone = track.trace().points().iter().filter(|p| present.sees_through(p, params.free_margin));
-        gone.take(2).count() == 2
-    };
-    came() || left()
-}
-
-fn mark(beams: &mut [bool], clusters: &ScanClusters, cluster: &Cluster) {
-    for &beam in clusters.beams().get(cluster.points.clone()).unwrap_or_default() {
-        if let Some(slot) = beams.get_mut(beam) {
-            *slot = true;
-        }
-    }
-}
-
-fn sensor_at(map_from_base: &Se2, scan: &LaserScan) -> Vector2<f64> {
-    map_from_base.act(&scan.geometry().base_from_sensor.translation())
-}
-
-/// Greatest extent of points along the axes and the diagonals, in metres.
-fn extent(points: &[Vector2<f64>]) -> f64 {
-    let along = |direction: Vector2<f64>| {
-        let (low, high) = points.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), p| {
-            let d = p.dot(&direction);
-            (low.min(d), high.max(d))
-        });
-        high - low
-    };
-    let half = std::f64::consts::FRAC_1_SQRT_2;
-    [Vector2::x(), Vector2::y(), Vector2::new(half, half), Vector2::new(half, -half)]
-        .map(along)
-        .into_iter()
-        .fold(0.0, f64::max)
 }

@@ -42,7 +42,7 @@ impl View {
         let margin = margin + 0.01 * distance;
         let step = geometry.angle_increment.abs();
         // Below this the point lies on the scanner.
-        if !(distance > margin) {
+        if distance <= margin || !distance.is_finite() {
             return false;
         }
         let turn = (local.y.atan2(local.x) - geometry.angle_min) * geometry.angle_increment.signum();
