@@ -50,7 +50,9 @@ fn main() -> ExitCode {
         }
         let mut report = Report::new("Fused navigation");
         if !args.common.json {
-            runs.iter().for_each(|run| println!("{}", run.to_table()));
+            for run in &runs {
+                println!("{}", run.to_table());
+            }
         }
         report.reports("runs", runs).print(args.common.json)?;
         Result::Ok(())

@@ -3,7 +3,7 @@
 use crate::Result;
 use agv_nav::{
     control::track::{FollowerParams, PurePursuit, PurePursuitParams},
-    core::grid::{Footprint, cost},
+    core::grid::Footprint,
     pipeline::{Navigation, NavigationParams},
     plan::{
         dwa::{Dwa, DwaParams},
@@ -70,7 +70,6 @@ fn global() -> Result<Box<dyn GlobalPlanner + Send>> {
     let grid = GridParams { cost_weight: COST_WEIGHT, unknown: UnknownCells::AtCost(0), ..GridParams::default() };
     let astar = AStar::new(AStarParams { grid, start_tolerance: 0.5, goal_tolerance: 3.0, ..AStarParams::default() })?;
     let key_nodes = KeyNodes::new(KeyNodesParams { max_cost: 90, cross_unknown: true, ..KeyNodesParams::default() })?;
-    debug_assert!(90 < cost::INSCRIBED);
     Ok(Box::new(Straightened::new(astar, key_nodes)))
 }
 

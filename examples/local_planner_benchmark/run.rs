@@ -64,8 +64,8 @@ pub(crate) fn all(trials: &[Trial], args: &Args) -> Result<Vec<Run>> {
     let next = Mutex::new(0..trials.len());
     let done: Mutex<Vec<Option<Result<Run>>>> = Mutex::new(trials.iter().map(|_| None).collect());
     let work = || {
-        loop {
-            let Some(index) = next.lock().ok().and_then(|mut next| next.next()) else { break };
+        let take = || next.lock().ok().and_then(|mut next| next.next());
+        while let Some(index) = take() {
             let seed = args.common.seed().derive(trials[index].number);
             let run = one(&trials[index], args, seed);
             if let Ok(mut done) = done.lock() {

@@ -61,7 +61,7 @@ impl Behaviour {
         footprint: &Footprint,
         path: &Path,
     ) -> Result<Self, Error> {
-        let manoeuvre = if before % 2 == 0 { Manoeuvre::find(request, footprint, path)? } else { None };
+        let manoeuvre = if before.is_multiple_of(2) { Manoeuvre::find(request, footprint, path)? } else { None };
         // Forgetting what was seen loses what lies behind: the last resort.
         let kind = match before % 8 {
             7 => Recovery::LookAgain,

@@ -54,7 +54,7 @@ pub struct Tracked<T> {
     params: TrackedParams,
     path: Path,
     /// Whether the tracker took the path; if not, it has no length.
-    is_tracked: bool,
+    has_length: bool,
     /// Index of the path's point that comes next.
     next: usize,
 }
@@ -70,7 +70,7 @@ impl<T: PathTracker> Tracked<T> {
         check::positive("spacing", params.spacing)?;
         check::in_range("stopping_share", params.stopping_share, 0.01, 1.0)?;
         let guard = Guard::new(footprint, GuardParams::default())?;
-        Ok(Self { tracker, guard, params, path: Path::new(), is_tracked: false, next: 0 })
+        Ok(Self { tracker, guard, params, path: Path::new(), has_length: false, next: 0 })
     }
 
     /// Hands a new path to the tracker.
@@ -81,10 +81,10 @@ impl<T: PathTracker> Tracked<T> {
         if self.path == *path {
             return Ok(());
         }
-        self.is_tracked = match self.tracker.set_path(path) {
+        self.has_length = match self.tracker.set_path(path) {
             Ok(()) => true,
-            Err(TrackError::NoPath) => false,
             Err(TrackError::Invalid(error)) => return Err(error.into()),
+            // Too short to be one.
             Err(_) => false,
         };
         self.path.clone_from(path);
@@ -160,7 +160,7 @@ impl<T: PathTracker> LocalPlanner for Tracked<T> {
         if self.guard.touches(&request)? {
             return answer(brake, LocalPlanStatus::InCollision);
         }
-        if !self.is_tracked {
+        if !self.has_length {
             let end = self.path.points().last().map_or(request.state.map_from_base, |point| point.pose);
             let is_there = end.between(&request.state.map_from_base).translation().norm() < 0.1;
             let status =
