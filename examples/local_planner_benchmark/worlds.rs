@@ -99,9 +99,9 @@ fn barn(world: BarnWorld) -> Result<Trial> {
     })
 }
 
-/// A world of BARN's kind, of one of its twelve classes.
+/// A world of BARN's kind, of three of its twelve classes.
 fn generated(index: usize, seed: Seed) -> Result<Trial> {
-    let params = ClutterParams { fill: 0.15 + 0.05 * (index % 4) as f64, smoothing: 2 + index % 3 };
+    let params = ClutterParams { fill: 0.15 + 0.05 * (index % 3) as f64, smoothing: 2 + index % 3 };
     let clutter = Clutter::generate(params, seed.derive(index as u64))?;
     Ok(Trial {
         name: format!("generated_{index:03}"),
