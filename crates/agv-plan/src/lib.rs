@@ -1,6 +1,7 @@
 //! Where do I go: planners on grids and in the neighbourhood of the vehicle.
 //!
 //! - [`aco`]: ant colonies, which [`AntColony`](aco::AntColony) makes a planner of.
+//! - [`dwa`]: the dynamic window approach, which plays [`LocalPlanner`](agv_core::roles::LocalPlanner).
 //! - [`grid`]: best-first search on costmaps. [`AStar`](grid::AStar), [`Jps`](grid::Jps), [`DStarLite`](grid::DStarLite) and others play
 //!   [`GlobalPlanner`](agv_core::roles::GlobalPlanner); the parts they are made of (space, queue, heuristic, search) are
 //!   open for use on their own.
@@ -16,6 +17,7 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 pub mod aco;
+pub mod dwa;
 mod error;
 pub mod grid;
 pub mod hybrid;

@@ -13,6 +13,7 @@
 //! | UTIAS landmark sightings (MRCLAM) | [`mrclam`] |
 //! | trajectories: TUM, KITTI | [`trajectory`] |
 //! | Kümmerle's relations | [`relations`] |
+//! | worlds for local planners: BARN, `DynaBARN`, MRPB | [`localplan`] |
 //! | clouds: PLY, PCD, KITTI and raw binary | [`cloud`] |
 //!
 //! [`cli`], [`progress`] and [`timing`] are what an example shows on the terminal, [`plot`] draws its pictures.
@@ -25,6 +26,7 @@ pub mod cloud;
 mod error;
 mod fields;
 pub mod input;
+pub mod localplan;
 pub mod log;
 pub mod map;
 pub mod movingai;
@@ -32,6 +34,7 @@ pub mod mrclam;
 pub mod plot;
 pub mod progress;
 pub mod relations;
+mod table;
 pub mod timing;
 pub mod trajectory;
 
