@@ -80,6 +80,9 @@ struct Patience {
     waited: f64,
 }
 
+/// How much farther from the target than the vehicle the field is known, in metres: for backing up.
+const BEHIND: f64 = 1.5;
+
 /// Way that counts as progress, in metres.
 const PROGRESS: f64 = 0.05;
 
@@ -160,7 +163,6 @@ impl Dwa {
     /// nearer. The distance field is that of the answer.
     fn aim(&mut self, drive: &Drive, position: &Vector2<f64>) -> Option<(Vector2<f64>, bool)> {
         let from = drive.projection.arc_length;
-        let reach = self.params.horizon + 1.0;
         let mut tried = 0;
         let ahead = drive.to_stop().min(self.params.look_ahead);
         // Then beyond what closes the path, then nearer.
@@ -171,7 +173,7 @@ impl Dwa {
                 let (point, _) = self.reference.course().point_at(arc_length)?;
                 if self.field.is_open(&point) {
                     tried += 1;
-                    if self.field.compute(&point, position, 2.0 * reach) {
+                    if self.field.compute(&point, position, BEHIND) {
                         return Some((point, arc_length >= drive.stop));
                     }
                     break;

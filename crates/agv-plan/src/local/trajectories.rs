@@ -16,6 +16,7 @@ use agv_core::{
     roles::VehicleState,
 };
 use nalgebra::Vector2;
+use pulp::Arch;
 
 /// How velocities change along a trajectory.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -69,6 +70,8 @@ pub struct Trajectories {
     circles: Vec<[f32; 3]>,
     /// Cosine and sine of the heading at the beginning.
     heading: (f32, f32),
+    /// What the processor can do; the bits do not depend on it.
+    arch: Arch,
     /// Clearance below which a trajectory is not free: none, or that of where the vehicle stands if the circles and cells claim that it
     /// touches something already. The guard is exact.
     limit: f32,
@@ -216,25 +219,12 @@ impl Trajectories {
             let (vx, vy, turn) = (&mut vx[..stride], &mut vy[..stride], &mut turn[..stride]);
             let (target_vx, target_vy) = (&target_vx[..stride], &target_vy[..stride]);
             let target_turn = &target_turn[..stride];
-            for i in 0..stride {
-                vx[i] = ramp(vx[i], target_vx[i], ramps.acceleration * dt, ramps.deceleration * dt);
-                vy[i] = ramp(vy[i], target_vy[i], ramps.acceleration * dt, ramps.deceleration * dt);
-                turn[i] = ramp(turn[i], target_turn[i], ramps.turn * dt, ramps.turn * dt);
-                let yaw_rate = if ramps.steers { turn[i] * vx[i] } else { turn[i] };
-                let speed = vx[i].abs().max(vy[i].abs()).max(1e-6);
-                let most = ramps.yaw_rate.min(ramps.lateral_acceleration / speed);
-                let angle = yaw_rate.max(-most).min(most) * dt;
-                let square = angle * angle;
-                let a = 1.0 - square * (1.0 / 6.0) * (1.0 - square * (1.0 / 20.0) * (1.0 - square * (1.0 / 42.0)));
-                let b = 0.5 - square * (1.0 / 24.0) * (1.0 - square * (1.0 / 30.0) * (1.0 - square * (1.0 / 56.0)));
-                let (turned_sin, turned_cos) = (angle * a, 1.0 - square * b);
-                let (ahead, left) = ((a * vx[i] - angle * b * vy[i]) * dt, (angle * b * vx[i] + a * vy[i]) * dt);
-                x[i] += cos[i] * ahead - sin[i] * left;
-                y[i] += sin[i] * ahead + cos[i] * left;
-                let (c, s) = (cos[i], sin[i]);
-                cos[i] = c * turned_cos - s * turned_sin;
-                sin[i] = s * turned_cos + c * turned_sin;
-            }
+            let arrays = (vx, vy, turn);
+            let targets = (target_vx, target_vy, target_turn);
+            self.arch.dispatch(
+                #[inline(always)]
+                || advance(arrays, targets, (x, y), (cos, sin), &ramps, dt),
+            );
         }
     }
 
@@ -256,6 +246,7 @@ impl Trajectories {
         let origin = layout.to_grid(&self.map_from_local.translation()).cast::<f32>();
         let (width, height) = (layout.width() as f32, layout.height() as f32);
         let (columns, outside) = (layout.width() as i32, layout.len() as u32);
+        let frame = GridFrame { origin, per_metre, width, height, columns, outside };
         // An obstacle reaches half a cell farther than its centre.
         let half = (0.5 * layout.resolution()) as f32;
         let (stride, steps) = (self.stride, self.steps);
@@ -267,13 +258,10 @@ impl Trajectories {
             let (index, field) = (&mut self.index[..stride], self.field.as_slice());
             clearance.fill(f32::MAX);
             for &[ahead, left, radius] in &self.circles {
-                for i in 0..stride {
-                    let column = (x[i] + cos[i] * ahead - sin[i] * left) * per_metre + origin.x;
-                    let row = (y[i] + sin[i] * ahead + cos[i] * left) * per_metre + origin.y;
-                    let inside = (column >= 0.0) & (row >= 0.0) & (column < width) & (row < height);
-                    let cell = (row as i32).wrapping_mul(columns).wrapping_add(column as i32);
-                    index[i] = if inside { cell as u32 } else { outside };
-                }
+                self.arch.dispatch(
+                    #[inline(always)]
+                    || place(index, (x, y), (cos, sin), (ahead, left), &frame),
+                );
                 let reach = radius + half;
                 for (clearance, &index) in clearance.iter_mut().zip(&*index) {
                     let distance = field.get(index as usize).map_or(0.0, |&distance| distance - reach);
@@ -309,12 +297,18 @@ impl Trajectories {
     fn count_free(&mut self) {
         self.free.fill(0);
         let limit = self.limit;
-        for (step, clearance) in self.clearance.chunks_exact(self.stride.max(1)).enumerate() {
-            for (free, &clearance) in self.free.iter_mut().zip(clearance) {
-                // Only as long as no step before was blocked.
-                *free += u32::from((*free == step as u32) & (clearance >= limit));
-            }
-        }
+        let (free, clearance, stride) = (self.free.as_mut_slice(), self.clearance.as_slice(), self.stride.max(1));
+        self.arch.dispatch(
+            #[inline(always)]
+            || {
+                for (step, clearance) in clearance.chunks_exact(stride).enumerate() {
+                    for (free, &clearance) in free.iter_mut().zip(clearance) {
+                        // Only as long as no step before was blocked.
+                        *free += u32::from((*free == step as u32) & (clearance >= limit));
+                    }
+                }
+            },
+        );
     }
 
     /// Takes in the obstacles that move: each step is compared with where they are at its time.
@@ -365,6 +359,73 @@ impl Trajectories {
     }
 }
 
+/// One step of all trajectories: velocities towards their targets, then the exact arc of the new ones.
+///
+/// A function of its own, so that the compiler knows that its slices do not overlap.
+#[inline(always)]
+fn advance(
+    (vx, vy, turn): (&mut [f32], &mut [f32], &mut [f32]),
+    (target_vx, target_vy, target_turn): (&[f32], &[f32], &[f32]),
+    (x, y): (&mut [f32], &mut [f32]),
+    (cos, sin): (&mut [f32], &mut [f32]),
+    ramps: &Ramps,
+    dt: f32,
+) {
+    let len = vx.len();
+    let (vy, turn, x, y) = (&mut vy[..len], &mut turn[..len], &mut x[..len], &mut y[..len]);
+    let (cos, sin) = (&mut cos[..len], &mut sin[..len]);
+    let (target_vx, target_vy, target_turn) = (&target_vx[..len], &target_vy[..len], &target_turn[..len]);
+    for i in 0..len {
+        vx[i] = ramp(vx[i], target_vx[i], ramps.acceleration * dt, ramps.deceleration * dt);
+        vy[i] = ramp(vy[i], target_vy[i], ramps.acceleration * dt, ramps.deceleration * dt);
+        turn[i] = ramp(turn[i], target_turn[i], ramps.turn * dt, ramps.turn * dt);
+        let yaw_rate = if ramps.steers { turn[i] * vx[i] } else { turn[i] };
+        let speed = greater(greater(vx[i].abs(), vy[i].abs()), 1e-6);
+        let most = less(ramps.yaw_rate, ramps.lateral_acceleration / speed);
+        let angle = less(greater(yaw_rate, -most), most) * dt;
+        let square = angle * angle;
+        let a = 1.0 - square * (1.0 / 6.0) * (1.0 - square * (1.0 / 20.0) * (1.0 - square * (1.0 / 42.0)));
+        let b = 0.5 - square * (1.0 / 24.0) * (1.0 - square * (1.0 / 30.0) * (1.0 - square * (1.0 / 56.0)));
+        let (turned_sin, turned_cos) = (angle * a, 1.0 - square * b);
+        let (ahead, left) = ((a * vx[i] - angle * b * vy[i]) * dt, (angle * b * vx[i] + a * vy[i]) * dt);
+        x[i] += cos[i] * ahead - sin[i] * left;
+        y[i] += sin[i] * ahead + cos[i] * left;
+        let (c, s) = (cos[i], sin[i]);
+        cos[i] = c * turned_cos - s * turned_sin;
+        sin[i] = s * turned_cos + c * turned_sin;
+    }
+}
+
+/// Where in the field a circle of the footprint is looked up, for all trajectories.
+#[inline(always)]
+fn place(
+    index: &mut [u32],
+    (x, y): (&[f32], &[f32]),
+    (cos, sin): (&[f32], &[f32]),
+    (ahead, left): (f32, f32),
+    grid: &GridFrame,
+) {
+    let len = index.len();
+    let (x, y, cos, sin) = (&x[..len], &y[..len], &cos[..len], &sin[..len]);
+    for i in 0..len {
+        let column = (x[i] + cos[i] * ahead - sin[i] * left) * grid.per_metre + grid.origin.x;
+        let row = (y[i] + sin[i] * ahead + cos[i] * left) * grid.per_metre + grid.origin.y;
+        let inside = (column >= 0.0) & (row >= 0.0) & (column < grid.width) & (row < grid.height);
+        let cell = (row as i32).wrapping_mul(grid.columns).wrapping_add(column as i32);
+        index[i] = if inside { cell as u32 } else { grid.outside };
+    }
+}
+
+/// The map's grid as the roll-out sees it.
+struct GridFrame {
+    origin: Vector2<f32>,
+    per_metre: f32,
+    width: f32,
+    height: f32,
+    columns: i32,
+    outside: u32,
+}
+
 /// One step of all trajectories.
 #[derive(Debug, Clone, Copy)]
 pub struct StepView<'a> {
@@ -381,11 +442,23 @@ pub struct StepView<'a> {
 }
 
 /// A component after a step towards its target, growing by at most `up` and shrinking by at most `down`.
-#[inline]
+#[inline(always)]
 fn ramp(now: f32, target: f32, up: f32, down: f32) -> f32 {
     let highest = now + if now >= 0.0 { up } else { down };
     let lowest = now - if now > 0.0 { down } else { up };
-    target.max(lowest).min(highest)
+    less(greater(target, lowest), highest)
+}
+
+/// The greater of two numbers, neither of them NaN: one instruction, unlike the library's.
+#[inline(always)]
+fn greater(a: f32, b: f32) -> f32 {
+    if a > b { a } else { b }
+}
+
+/// The lesser of two numbers, neither of them NaN.
+#[inline(always)]
+fn less(a: f32, b: f32) -> f32 {
+    if a < b { a } else { b }
 }
 
 #[cfg(test)]
