@@ -259,17 +259,14 @@ impl Dwa {
         let now = state.twist;
         let (up, down) = (limits.twist.acceleration * dt, limits.twist.deceleration * dt);
         let vx = towards(now.vx, vx, up, down);
-        let target = match &limits.steering {
-            Some(steering) => {
-                let angle = steering_angle(&state.motion(), limits);
-                let change = steering.max_rate * dt;
-                let angle = (turn * steering.wheelbase).atan().clamp(angle - change, angle + change);
-                Motion { twist: Twist2::new(vx, 0.0, vx * steering.curvature(angle)), steering: Some(angle) }
-            }
-            None => {
-                let change = limits.twist.yaw_acceleration * dt;
-                Twist2::new(vx, towards(now.vy, vy, up, down), towards(now.yaw_rate, turn, change, change)).into()
-            }
+        let target = if let Some(steering) = &limits.steering {
+            let angle = steering_angle(&state.motion(), limits);
+            let change = steering.max_rate * dt;
+            let angle = (turn * steering.wheelbase).atan().clamp(angle - change, angle + change);
+            Motion { twist: Twist2::new(vx, 0.0, vx * steering.curvature(angle)), steering: Some(angle) }
+        } else {
+            let change = limits.twist.yaw_acceleration * dt;
+            Twist2::new(vx, towards(now.vy, vy, up, down), towards(now.yaw_rate, turn, change, change)).into()
         };
         limits.step_checked(&state.motion(), &target, dt)
     }
