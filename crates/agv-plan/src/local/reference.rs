@@ -103,7 +103,7 @@ impl Drive {
 /// let mut reference = Reference::new(ReferenceParams::default())?;
 /// let Task::Drive(drive) = reference.update(&at(2.0, 0.0))? else { panic!() };
 /// assert_eq!((drive.remaining, drive.is_last), (2.0, true));
-/// assert!(matches!(reference.update(&at(3.99, 0.5))?, Task::Turn(angle) if angle == -0.5));
+/// assert!(matches!(reference.update(&at(3.99, 0.5))?, Task::Turn(angle) if (angle + 0.5).abs() < 1e-9));
 /// assert_eq!(reference.update(&at(3.99, 0.0))?, Task::Arrive);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
