@@ -93,7 +93,7 @@ impl Drive {
 /// let path = Path::from_positions(&[Vector2::new(1.0, 1.0), Vector2::new(4.0, 1.0)])?;
 /// let limits = MotionLimits::default();
 /// let at = |x: f64, yaw: f64| LocalPlanRequest {
-///     state: VehicleState::new(Se2::new(x, 1.1, yaw), Twist2::ZERO),
+///     state: VehicleState::new(Se2::new(x, 1.05, yaw), Twist2::ZERO),
 ///     path: &path,
 ///     map: &map,
 ///     obstacles: &[],
