@@ -3,13 +3,20 @@
 use crate::{counter, scenes};
 use agv_nav::core::{
     compute::Seed,
-    geometry::Se2,
-    grid::{Cell, CellState, CollisionParams, Costmap, Footprint, Inflation, InflationParams, ObstacleMap, cost},
+    geometry::{Se2, Twist2},
+    grid::{
+        Cell, CellState, CollisionParams, Costmap, Footprint, Inflation, InflationParams, LocalMap, LocalMapParams,
+        ObstacleMap, cost,
+    },
+    kinematics::MotionLimits,
+    nalgebra::Vector2,
+    obstacle::MovingObstacle,
     path::Path,
-    roles::{GlobalPlanner, PlanOutcome},
+    roles::{GlobalPlanner, LocalPlanRequest, LocalPlanner, PlanOutcome, VehicleState},
 };
 use agv_nav::plan::{
     aco::{AntColony, ColonyParams, SparrowParams, SparrowSearch},
+    dwa::{Dwa, DwaParams},
     grid::{
         AStar, AStarParams, Anya, Bidirectional, Components, Connectivity, DStarLite, Dijkstra, GridParams,
         GridPlannerParams, GridSpace, Jps, JpsPlus, LazyThetaStar, Potential, ThetaStar,
@@ -165,4 +172,33 @@ fn smoothers() {
     let mut run = || assert!(smoother.smooth_into(&obstacles, &footprint, &path, &mut smooth).is_ok());
     run();
     assert_eq!(counter::count(run), 0);
+}
+
+#[test]
+fn the_dynamic_window() {
+    let mut changed = scenes::room();
+    changed.set(Cell::new(90, 50), CellState::Occupied);
+    let costmaps = [scenes::room(), changed].map(|map| Costmap::from_map(&map));
+    let mut map = LocalMap::new(&costmaps[0], LocalMapParams::default()).unwrap();
+    let mut dwa = Dwa::new(DwaParams::for_footprint(&Footprint::rectangle(-0.2, 0.3, 0.4).unwrap())).unwrap();
+    let path = Path::from_positions(&[Vector2::new(0.6, 0.6), Vector2::new(3.5, 2.0)]).unwrap();
+    let limits = MotionLimits::default();
+    let person = [MovingObstacle::new(Vector2::new(3.0, 0.5), Vector2::new(0.0, 0.3), 0.2).unwrap()];
+    let mut round = || {
+        let mut state = VehicleState::new(Se2::new(0.6, 0.6, 0.0), Twist2::ZERO);
+        for cycle in 0..60 {
+            map.update(&costmaps[cycle / 10 % 2]).unwrap();
+            let request =
+                LocalPlanRequest { state, path: &path, map: &map, obstacles: &person, limits: &limits, dt: 0.1 };
+            state = state.after(&dwa.command(request).unwrap().motion, 0.1);
+        }
+        state
+    };
+    let first = round();
+    assert_ne!(first.map_from_base, Se2::new(0.6, 0.6, 0.0));
+    round();
+    let again = || {
+        round();
+    };
+    assert_eq!(counter::count(again), 0);
 }

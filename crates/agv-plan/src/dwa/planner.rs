@@ -80,6 +80,9 @@ struct Patience {
     waited: f64,
 }
 
+/// How much farther from the target than the vehicle the field is known, in metres: for backing up.
+const BEHIND: f64 = 1.5;
+
 /// Way that counts as progress, in metres.
 const PROGRESS: f64 = 0.05;
 
@@ -160,7 +163,6 @@ impl Dwa {
     /// nearer. The distance field is that of the answer.
     fn aim(&mut self, drive: &Drive, position: &Vector2<f64>) -> Option<(Vector2<f64>, bool)> {
         let from = drive.projection.arc_length;
-        let reach = self.params.horizon + 1.0;
         let mut tried = 0;
         let ahead = drive.to_stop().min(self.params.look_ahead);
         // Then beyond what closes the path, then nearer.
@@ -171,7 +173,7 @@ impl Dwa {
                 let (point, _) = self.reference.course().point_at(arc_length)?;
                 if self.field.is_open(&point) {
                     tried += 1;
-                    if self.field.compute(&point, position, 2.0 * reach) {
+                    if self.field.compute(&point, position, BEHIND) {
                         return Some((point, arc_length >= drive.stop));
                     }
                     break;
@@ -257,17 +259,14 @@ impl Dwa {
         let now = state.twist;
         let (up, down) = (limits.twist.acceleration * dt, limits.twist.deceleration * dt);
         let vx = towards(now.vx, vx, up, down);
-        let target = match &limits.steering {
-            Some(steering) => {
-                let angle = steering_angle(&state.motion(), limits);
-                let change = steering.max_rate * dt;
-                let angle = (turn * steering.wheelbase).atan().clamp(angle - change, angle + change);
-                Motion { twist: Twist2::new(vx, 0.0, vx * steering.curvature(angle)), steering: Some(angle) }
-            }
-            None => {
-                let change = limits.twist.yaw_acceleration * dt;
-                Twist2::new(vx, towards(now.vy, vy, up, down), towards(now.yaw_rate, turn, change, change)).into()
-            }
+        let target = if let Some(steering) = &limits.steering {
+            let angle = steering_angle(&state.motion(), limits);
+            let change = steering.max_rate * dt;
+            let angle = (turn * steering.wheelbase).atan().clamp(angle - change, angle + change);
+            Motion { twist: Twist2::new(vx, 0.0, vx * steering.curvature(angle)), steering: Some(angle) }
+        } else {
+            let change = limits.twist.yaw_acceleration * dt;
+            Twist2::new(vx, towards(now.vy, vy, up, down), towards(now.yaw_rate, turn, change, change)).into()
         };
         limits.step_checked(&state.motion(), &target, dt)
     }

@@ -43,17 +43,14 @@ impl Window {
         } else {
             (0.0, 0.0)
         };
-        let turn = match &limits.steering {
-            Some(steering) => {
-                let angle = steering_angle(current, limits);
-                let change = steering.max_rate * time;
-                let (low, high) = reach(angle, change, change, (-steering.max_angle, steering.max_angle));
-                (steering.curvature(low), steering.curvature(high))
-            }
-            None => {
-                let change = twist.yaw_acceleration * time;
-                reach(current.twist.yaw_rate, change, change, (-twist.yaw_rate, twist.yaw_rate))
-            }
+        let turn = if let Some(steering) = &limits.steering {
+            let angle = steering_angle(current, limits);
+            let change = steering.max_rate * time;
+            let (low, high) = reach(angle, change, change, (-steering.max_angle, steering.max_angle));
+            (steering.curvature(low), steering.curvature(high))
+        } else {
+            let change = twist.yaw_acceleration * time;
+            reach(current.twist.yaw_rate, change, change, (-twist.yaw_rate, twist.yaw_rate))
         };
         Self { forward, lateral, turn }
     }

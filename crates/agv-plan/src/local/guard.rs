@@ -241,15 +241,14 @@ impl Guard {
         let mut next = *motion;
         for _ in 0..MOST_CYCLES {
             next = brake_step(limits, &next, dt, brake);
-            match multiple(&next.twist, &twist) {
-                Some(share) => duration += share * dt,
-                None => {
-                    if obstacles.collides_along_within(&self.footprint, &pose, &twist, duration, margin)? {
-                        return Ok(Verdict::Blocked(BlockReason::Obstacle));
-                    }
-                    pose = pose.compose(&twist.integrate(duration));
-                    (twist, duration) = (next.twist, dt);
+            if let Some(share) = multiple(&next.twist, &twist) {
+                duration += share * dt;
+            } else {
+                if obstacles.collides_along_within(&self.footprint, &pose, &twist, duration, margin)? {
+                    return Ok(Verdict::Blocked(BlockReason::Obstacle));
                 }
+                pose = pose.compose(&twist.integrate(duration));
+                (twist, duration) = (next.twist, dt);
             }
             if next.twist == Twist2::ZERO {
                 let blocked = obstacles.collides_along_within(&self.footprint, &pose, &twist, duration, margin)?;

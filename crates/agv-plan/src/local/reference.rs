@@ -93,7 +93,7 @@ impl Drive {
 /// let path = Path::from_positions(&[Vector2::new(1.0, 1.0), Vector2::new(4.0, 1.0)])?;
 /// let limits = MotionLimits::default();
 /// let at = |x: f64, yaw: f64| LocalPlanRequest {
-///     state: VehicleState::new(Se2::new(x, 1.1, yaw), Twist2::ZERO),
+///     state: VehicleState::new(Se2::new(x, 1.05, yaw), Twist2::ZERO),
 ///     path: &path,
 ///     map: &map,
 ///     obstacles: &[],
@@ -103,7 +103,7 @@ impl Drive {
 /// let mut reference = Reference::new(ReferenceParams::default())?;
 /// let Task::Drive(drive) = reference.update(&at(2.0, 0.0))? else { panic!() };
 /// assert_eq!((drive.remaining, drive.is_last), (2.0, true));
-/// assert!(matches!(reference.update(&at(3.99, 0.5))?, Task::Turn(angle) if angle == -0.5));
+/// assert!(matches!(reference.update(&at(3.99, 0.5))?, Task::Turn(angle) if (angle + 0.5).abs() < 1e-9));
 /// assert_eq!(reference.update(&at(3.99, 0.0))?, Task::Arrive);
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```

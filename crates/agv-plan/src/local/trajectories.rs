@@ -8,6 +8,8 @@
 //! The way of each is looked up in the distance field, under every circle that covers the footprint: the coordinates and indices
 //! are computed in loops that vectorise, the look-up is scalar. The price does not depend on how many obstacles there are.
 
+mod kernel;
+
 use agv_core::{
     geometry::{LieGroup, Se2, Twist2},
     grid::{Cell, Footprint, LocalMap, Revision},
@@ -15,34 +17,9 @@ use agv_core::{
     obstacle::MovingObstacle,
     roles::VehicleState,
 };
+use kernel::{GridFrame, Ramps, advance, count_free, place};
 use nalgebra::Vector2;
-
-/// How velocities change along a trajectory.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Ramps {
-    acceleration: f32,
-    deceleration: f32,
-    /// Change of the turn per second: of the yaw rate, or of the curvature of a vehicle that steers.
-    turn: f32,
-    steers: bool,
-    lateral_acceleration: f32,
-    yaw_rate: f32,
-}
-
-impl Ramps {
-    pub(crate) fn new(limits: &MotionLimits) -> Self {
-        let twist = &limits.twist;
-        Self {
-            acceleration: twist.acceleration as f32,
-            deceleration: twist.deceleration as f32,
-            // Straight ahead a steering rate changes the curvature least.
-            turn: limits.steering.map_or(twist.yaw_acceleration, |s| s.max_rate / s.wheelbase) as f32,
-            steers: limits.steering.is_some(),
-            lateral_acceleration: limits.lateral_acceleration.map_or(f32::MAX, |a| a as f32),
-            yaw_rate: twist.yaw_rate as f32,
-        }
-    }
-}
+use pulp::Arch;
 
 /// A batch of trajectories of equal duration; entry `step * stride + i` of an array belongs to trajectory `i` after `step + 1` steps.
 #[derive(Debug, Clone, Default)]
@@ -69,6 +46,8 @@ pub struct Trajectories {
     circles: Vec<[f32; 3]>,
     /// Cosine and sine of the heading at the beginning.
     heading: (f32, f32),
+    /// What the processor can do; the bits do not depend on it.
+    arch: Arch,
     /// Clearance below which a trajectory is not free: none, or that of where the vehicle stands if the circles and cells claim that it
     /// touches something already. The guard is exact.
     limit: f32,
@@ -216,25 +195,12 @@ impl Trajectories {
             let (vx, vy, turn) = (&mut vx[..stride], &mut vy[..stride], &mut turn[..stride]);
             let (target_vx, target_vy) = (&target_vx[..stride], &target_vy[..stride]);
             let target_turn = &target_turn[..stride];
-            for i in 0..stride {
-                vx[i] = ramp(vx[i], target_vx[i], ramps.acceleration * dt, ramps.deceleration * dt);
-                vy[i] = ramp(vy[i], target_vy[i], ramps.acceleration * dt, ramps.deceleration * dt);
-                turn[i] = ramp(turn[i], target_turn[i], ramps.turn * dt, ramps.turn * dt);
-                let yaw_rate = if ramps.steers { turn[i] * vx[i] } else { turn[i] };
-                let speed = vx[i].abs().max(vy[i].abs()).max(1e-6);
-                let most = ramps.yaw_rate.min(ramps.lateral_acceleration / speed);
-                let angle = yaw_rate.max(-most).min(most) * dt;
-                let square = angle * angle;
-                let a = 1.0 - square * (1.0 / 6.0) * (1.0 - square * (1.0 / 20.0) * (1.0 - square * (1.0 / 42.0)));
-                let b = 0.5 - square * (1.0 / 24.0) * (1.0 - square * (1.0 / 30.0) * (1.0 - square * (1.0 / 56.0)));
-                let (turned_sin, turned_cos) = (angle * a, 1.0 - square * b);
-                let (ahead, left) = ((a * vx[i] - angle * b * vy[i]) * dt, (angle * b * vx[i] + a * vy[i]) * dt);
-                x[i] += cos[i] * ahead - sin[i] * left;
-                y[i] += sin[i] * ahead + cos[i] * left;
-                let (c, s) = (cos[i], sin[i]);
-                cos[i] = c * turned_cos - s * turned_sin;
-                sin[i] = s * turned_cos + c * turned_sin;
-            }
+            let arrays = (vx, vy, turn);
+            let targets = (target_vx, target_vy, target_turn);
+            self.arch.dispatch(
+                #[inline(always)]
+                || advance(arrays, targets, (x, y), (cos, sin), &ramps, dt),
+            );
         }
     }
 
@@ -256,6 +222,7 @@ impl Trajectories {
         let origin = layout.to_grid(&self.map_from_local.translation()).cast::<f32>();
         let (width, height) = (layout.width() as f32, layout.height() as f32);
         let (columns, outside) = (layout.width() as i32, layout.len() as u32);
+        let frame = GridFrame { origin, per_metre, width, height, columns, outside };
         // An obstacle reaches half a cell farther than its centre.
         let half = (0.5 * layout.resolution()) as f32;
         let (stride, steps) = (self.stride, self.steps);
@@ -267,13 +234,10 @@ impl Trajectories {
             let (index, field) = (&mut self.index[..stride], self.field.as_slice());
             clearance.fill(f32::MAX);
             for &[ahead, left, radius] in &self.circles {
-                for i in 0..stride {
-                    let column = (x[i] + cos[i] * ahead - sin[i] * left) * per_metre + origin.x;
-                    let row = (y[i] + sin[i] * ahead + cos[i] * left) * per_metre + origin.y;
-                    let inside = (column >= 0.0) & (row >= 0.0) & (column < width) & (row < height);
-                    let cell = (row as i32).wrapping_mul(columns).wrapping_add(column as i32);
-                    index[i] = if inside { cell as u32 } else { outside };
-                }
+                self.arch.dispatch(
+                    #[inline(always)]
+                    || place(index, (x, y), (cos, sin), (ahead, left), &frame),
+                );
                 let reach = radius + half;
                 for (clearance, &index) in clearance.iter_mut().zip(&*index) {
                     let distance = field.get(index as usize).map_or(0.0, |&distance| distance - reach);
@@ -281,13 +245,13 @@ impl Trajectories {
                 }
             }
         }
-        let present = self.clearance_here(map, &origin);
+        let present = self.clearance_here(map, origin);
         self.limit = present.min(0.0) - SLACK * layout.resolution() as f32;
         self.count_free();
     }
 
     /// Clearance of the vehicle where it is, as it is looked up for the trajectories.
-    fn clearance_here(&self, map: &LocalMap, origin: &Vector2<f32>) -> f32 {
+    fn clearance_here(&self, map: &LocalMap, origin: Vector2<f32>) -> f32 {
         let layout = map.layout();
         let (per_metre, half) = ((1.0 / layout.resolution()) as f32, (0.5 * layout.resolution()) as f32);
         let (cos, sin) = self.heading;
@@ -309,12 +273,11 @@ impl Trajectories {
     fn count_free(&mut self) {
         self.free.fill(0);
         let limit = self.limit;
-        for (step, clearance) in self.clearance.chunks_exact(self.stride.max(1)).enumerate() {
-            for (free, &clearance) in self.free.iter_mut().zip(clearance) {
-                // Only as long as no step before was blocked.
-                *free += u32::from((*free == step as u32) & (clearance >= limit));
-            }
-        }
+        let (free, clearance) = (self.free.as_mut_slice(), self.clearance.as_slice());
+        self.arch.dispatch(
+            #[inline(always)]
+            || count_free(free, clearance, limit),
+        );
     }
 
     /// Takes in the obstacles that move: each step is compared with where they are at its time.
@@ -347,7 +310,7 @@ impl Trajectories {
                         for i in 0..stride {
                             let dx = x[i] + cos[i] * ahead - sin[i] * left - begin.x;
                             let dy = y[i] + sin[i] * ahead + cos[i] * left - begin.y;
-                            let share = ((dx * along.x + dy * along.y) * per_square).max(0.0).min(1.0);
+                            let share = ((dx * along.x + dy * along.y) * per_square).clamp(0.0, 1.0);
                             let (dx, dy) = (dx - share * along.x, dy - share * along.y);
                             clearance[i] = clearance[i].min((dx * dx + dy * dy).sqrt() - reach);
                         }
@@ -378,14 +341,6 @@ pub struct StepView<'a> {
     pub sin: &'a [f32],
     /// Distance of the footprint from the nearest obstacle, in metres, about; negative where it touches one.
     pub clearance: &'a [f32],
-}
-
-/// A component after a step towards its target, growing by at most `up` and shrinking by at most `down`.
-#[inline]
-fn ramp(now: f32, target: f32, up: f32, down: f32) -> f32 {
-    let highest = now + if now >= 0.0 { up } else { down };
-    let lowest = now - if now > 0.0 { down } else { up };
-    target.max(lowest).min(highest)
 }
 
 #[cfg(test)]

@@ -59,7 +59,9 @@ fn drive(
         let command = planner.command(request).unwrap();
         assert!(limits.allows_step(&state.motion(), &command.motion, 0.1));
         state = state.after(&command.motion, 0.1);
-        people.iter_mut().for_each(|person| person.position = person.position_after(0.1));
+        for person in &mut people {
+            person.position = person.position_after(0.1);
+        }
         states.push(state);
         status = command.status;
         if status == LocalPlanStatus::Arrived {

@@ -73,7 +73,9 @@ fn drive_wildly(
             prop_assert!(!people.iter().any(run_into), "{name} in cycle {cycle}");
         }
         state = state.after(&motion, DT);
-        people.iter_mut().for_each(|person| person.position = person.position_after(DT));
+        for person in &mut people {
+            person.position = person.position_after(DT);
+        }
     }
     prop_assert_eq!(state.twist, Twist2::ZERO);
     Ok(())
