@@ -11,7 +11,7 @@ use agv_nav::{
     plan::{
         grid::{AStar, AStarParams, GridParams, UnknownCells},
         local::{Tracked, TrackedParams},
-        smooth::{KeyNodes, KeyNodesParams, Straightened},
+        smooth::{KeyNodes, LineOfSightParams, Straightened},
     },
     prelude::*,
 };
@@ -27,7 +27,8 @@ fn footprint() -> Footprint {
 fn navigation(params: NavigationParams) -> Navigation {
     let grid = GridParams { cost_weight: 4.0, unknown: UnknownCells::AtCost(0), ..GridParams::default() };
     let astar = AStar::new(AStarParams { grid, start_tolerance: 0.5, ..AStarParams::default() }).unwrap();
-    let key_nodes = KeyNodes::new(KeyNodesParams { max_cost: 60, cross_unknown: true, ..Default::default() }).unwrap();
+    let key_nodes =
+        KeyNodes::new(LineOfSightParams { max_cost: 60, cross_unknown: true, ..Default::default() }).unwrap();
     let follower = FollowerParams { response_time: 0.0, max_yaw_slip: 0.0, ..FollowerParams::default() };
     let tracker = PurePursuit::new(PurePursuitParams { look_ahead_min: 0.3, follower, ..Default::default() }).unwrap();
     let local = Tracked::new(tracker, footprint(), TrackedParams::default()).unwrap();

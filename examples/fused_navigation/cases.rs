@@ -13,7 +13,7 @@ use agv_nav::{
         dwa::{Dwa, DwaParams},
         grid::{AStar, AStarParams, Dijkstra, GridParams, GridPlannerParams, UnknownCells},
         local::critics::{BoundedObstacle, Clearance, Critic, Heading, KeyNodeDistance, KeyNodeHeading, Velocity},
-        smooth::{KeyNodes, KeyNodesParams, Straightened},
+        smooth::{KeyNodes, LineOfSightParams, Straightened},
         teb::{Teb, TebParams},
     },
     prelude::*,
@@ -106,7 +106,7 @@ fn grid_params() -> GridParams {
 }
 
 fn key_nodes() -> Result<KeyNodes> {
-    Ok(KeyNodes::new(KeyNodesParams { max_cost: 60, cross_unknown: true, ..KeyNodesParams::default() })?)
+    Ok(KeyNodes::new(LineOfSightParams { max_cost: 60, cross_unknown: true, ..LineOfSightParams::default() })?)
 }
 
 fn astar() -> Result<Straightened<AStar>> {
@@ -197,12 +197,13 @@ fn along(path: &Path, mut length: f64) -> (Vector2<f64>, Vector2<f64>) {
 struct Straight;
 
 impl GlobalPlanner for Straight {
-    fn plan_into(
+    fn plan_with_cancel(
         &mut self,
         _: &Costmap,
         start: &Se2,
         goal: &Se2,
         path: &mut Path,
+        _: &mut dyn FnMut() -> bool,
     ) -> std::result::Result<PlanOutcome, agv_nav::core::roles::PlanError> {
         path.set_positions([start.translation(), goal.translation()])?;
         Ok(PlanOutcome::Found { cost: path.length(), expansions: 0 })
@@ -303,14 +304,15 @@ struct OnCoarse<P> {
 }
 
 impl<P: GlobalPlanner> GlobalPlanner for OnCoarse<P> {
-    fn plan_into(
+    fn plan_with_cancel(
         &mut self,
         _: &Costmap,
         start: &Se2,
         goal: &Se2,
         path: &mut Path,
+        cancelled: &mut dyn FnMut() -> bool,
     ) -> std::result::Result<PlanOutcome, agv_nav::core::roles::PlanError> {
-        self.planner.plan_into(&self.map, start, goal, path)
+        self.planner.plan_with_cancel(&self.map, start, goal, path, cancelled)
     }
 }
 

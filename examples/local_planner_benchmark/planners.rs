@@ -12,7 +12,7 @@ use agv_nav::{
             Tracked, TrackedParams,
             critics::{BoundedObstacle, Critic, KeyNodeDistance, KeyNodeHeading, Velocity},
         },
-        smooth::{KeyNodes, KeyNodesParams, Straightened},
+        smooth::{KeyNodes, LineOfSightParams, Straightened},
         teb::{Teb, TebParams},
     },
     prelude::{GlobalPlanner, LocalPlanner, TwistLimits},
@@ -69,7 +69,8 @@ pub(crate) fn limits(v_max: f64) -> TwistLimits {
 fn global() -> Result<Box<dyn GlobalPlanner + Send>> {
     let grid = GridParams { cost_weight: COST_WEIGHT, unknown: UnknownCells::AtCost(0), ..GridParams::default() };
     let astar = AStar::new(AStarParams { grid, start_tolerance: 0.5, goal_tolerance: 3.0, ..AStarParams::default() })?;
-    let key_nodes = KeyNodes::new(KeyNodesParams { max_cost: 90, cross_unknown: true, ..KeyNodesParams::default() })?;
+    let key_nodes =
+        KeyNodes::new(LineOfSightParams { max_cost: 90, cross_unknown: true, ..LineOfSightParams::default() })?;
     Ok(Box::new(Straightened::new(astar, key_nodes)))
 }
 

@@ -13,7 +13,7 @@ use agv_core::{
 };
 use agv_plan::{
     grid::{AStar, AStarParams, GridParams},
-    smooth::{KeyNodes, KeyNodesParams, PathSmoother},
+    smooth::{KeyNodes, LineOfSightParams, PathSmoother},
 };
 use rand_distr::{Bernoulli, Distribution};
 
@@ -81,7 +81,7 @@ pub(crate) fn path_through(costmap: &Costmap, start: &Se2, goal: &Se2) -> Option
     match planner.plan_into(&inflated, start, goal, &mut path) {
         Ok(PlanOutcome::Found { .. }) => {
             let mut smooth = Path::new();
-            let sight = KeyNodesParams { max_cost: 120, ..KeyNodesParams::default() };
+            let sight = LineOfSightParams { max_cost: 120, ..LineOfSightParams::default() };
             KeyNodes::new(sight).unwrap().smooth_into(&inflated, &path, &mut smooth).unwrap();
             Some(smooth)
         }
