@@ -87,7 +87,7 @@ pub struct FusionParams {
     pub latency_sigma: f64,
     /// How long measurements are kept, in seconds: later ones are not taken in any more.
     pub history: f64,
-    /// How many measurements are kept at most; each takes 4 kB.
+    /// How many measurements are kept at most; each takes some 5 kB.
     pub capacity: usize,
     /// A measurement that claims to be so many seconds ahead of all others is taken for a mistaken clock.
     pub longest_gap: f64,

@@ -257,6 +257,10 @@ impl SourceParams {
         if self.late && self.reference != Reference::Map {
             return Err(Error::Empty { name: "map that a late source refers to" });
         }
+        // Only poses and places are led back to when they were measured.
+        if self.late && !self.components.among([Components::X, Components::Y]).contains(&true) {
+            return Err(Error::Empty { name: "position that a late source measures" });
+        }
         // Accelerations that are not estimated cannot be corrected.
         let accelerates = self.components.among([Components::AX, Components::AY]).contains(&true);
         if accelerates && filter.motion.acceleration.is_none() {

@@ -5,8 +5,8 @@
 //! r = sqrt(-2 ln u)        z1 = r cos φ        z2 = r sin φ          u in (0, 1], φ in [-π, π)
 //! ```
 //!
-//! with 31 bits of the word for `u`, so that no number is beyond 6.7, and 32 for `φ`. Computed as `f32`, to 1e-6: noise needs no
-//! more. Plain arithmetic without branches or calls of a library, so that loops over it vectorise, and whose bits are the same
+//! with 31 bits of the word for `u`, so that no number is beyond 6.7, and 32 for `φ`. Computed as `f32`, to 1e-6, and to 4e-4 where the radius is below 0.03 and `u` next
+//! to one: noise needs no more. Plain arithmetic without branches or calls of a library, so that loops over it vectorise, and whose bits are the same
 //! everywhere. (Measured: with these a particle of the odometry model moves in 9.7 ns, with four of `rand_distr`'s ziggurat in 15.7.)
 
 #![expect(clippy::inline_always, reason = "compiled with its caller, for the instruction set found at run time")]
@@ -48,7 +48,7 @@ pub(super) fn from_bits(radius: u32, angle: u32) -> [f32; 2] {
     [signed(radius * a, angle), signed(radius * b, angle << 1)]
 }
 
-/// The natural logarithm of a normal number above zero, to 1e-7 of it.
+/// The natural logarithm of a normal number above zero, to 3e-7 of it.
 #[inline(always)]
 fn ln(x: f32) -> f32 {
     let offset = x.to_bits() as i32 - ROOT_HALF;
@@ -79,12 +79,13 @@ mod tests {
             let [a, b] = from_bits(radius, angle).map(f64::from);
             let u = (f64::from(radius >> 1) + 0.5) / 2_f64.powi(31);
             let expected = (-2.0 * u.ln()).max(0.0).sqrt();
-            // The nearest `f32` to one is 6e-8 off.
-            prop_assert!((a.hypot(b) - expected).abs() < 2e-6 * expected + 4e-4, "{} {}", a.hypot(b), expected);
+            // Next to one, `f32` has steps of 6e-8.
+            let rounding = if expected < 0.03 { 4e-4 } else { 2e-6 };
+            prop_assert!((a.hypot(b) - expected).abs() < rounding + 1e-6 * expected, "{} {}", a.hypot(b), expected);
             let within = f64::from((angle << 3) as i32) / 2_f64.powi(31) * std::f64::consts::FRAC_PI_4;
             let (steep, flat) = if angle & (1 << 29) == 0 { (b, a) } else { (a, b) };
-            prop_assert!((steep.abs() - (expected * within.sin()).abs()).abs() < 1e-5 + 4e-4 * within.abs());
-            prop_assert!((flat.abs() - (expected * within.cos()).abs()).abs() < 1e-5 + 4e-4);
+            prop_assert!((steep.abs() - (expected * within.sin()).abs()).abs() < rounding + 2e-6 * expected.max(1.0));
+            prop_assert!((flat.abs() - (expected * within.cos()).abs()).abs() < rounding + 2e-6 * expected.max(1.0));
         }
     }
 

@@ -136,7 +136,7 @@ impl<S: GridSolver> GridPlanner<S> {
 }
 
 impl<S: GridSolver> GlobalPlanner for GridPlanner<S> {
-    /// Asks every [`Limits::CANCEL_INTERVAL`] expansions.
+    /// Asks as often as its solver does: searches every [`Limits::CANCEL_INTERVAL`] expansions, swarms after every iteration.
     fn plan_with_cancel(
         &mut self,
         costmap: &Costmap,

@@ -141,7 +141,7 @@ impl HybridAStar {
         let lattice = Lattice::new(params, motions, site, start)?.with_fine(fine).with_gates(gates.gates(), curves);
         let start_node = lattice.node(&start).unwrap_or(u32::MAX);
         let mut search = Search { shot: None, nearest: start_node, expansions: 0, end: SearchEnd::Exhausted };
-        let (mut nearest, mut pause, mut next_shot) = (u32::MAX, pause_after(limits, 0), 0);
+        let (mut nearest, mut pause, mut next_shot) = (u32::MAX, 0, 0);
         let mut refine_until = u64::MAX;
         workspace.begin(&lattice);
         workspace.add_start(&Guide::new(potential, table, &lattice, goal), start_node, 0);
@@ -155,7 +155,7 @@ impl HybridAStar {
                     search.end = end;
                     break;
                 }
-                pause = pause_after(limits, search.expansions + CANCEL_INTERVAL);
+                pause = limits.budget.min(search.expansions + CANCEL_INTERVAL);
             }
             potential.reach(site, at.node / u32::from(params.headings));
             let guide = Guide::new(potential, table, &lattice, goal);
@@ -190,11 +190,6 @@ const NEAR: f64 = 4.0;
 
 /// Expansions between two questions to `cancel`: they cost some 50 µs each, a thousand times those of a grid.
 const CANCEL_INTERVAL: u64 = 16;
-
-/// Expansions after which the limits are looked at, `next` at the latest if somebody may cancel.
-fn pause_after(limits: &Limits<'_>, next: u64) -> u64 {
-    if limits.cancel.is_some() { limits.budget.min(next) } else { limits.budget }
-}
 
 fn into_core(error: &Error) -> PlanError {
     match error {
@@ -240,7 +235,7 @@ fn write_path(legs: &[Leg], start: &Se2, end: &Se2, spacing: f64, path: &mut Pat
 }
 
 impl GlobalPlanner for HybridAStar {
-    /// Asks at first and every 16 expansions, about a millisecond. A path that was found before is not shortened then, but is a
+    /// Asks when the map is derived and the potential known, and every 16 expansions from then on, about a millisecond. A path that was found before is not shortened then, but is a
     /// path.
     ///
     /// # Errors

@@ -103,11 +103,13 @@ impl GateFinder {
         self.trace_ridge(site, lattice);
         let narrow = self.extent.half_width + self.more + site.layout().resolution();
         let mut begin = 0;
-        while begin < self.ridge.len() {
+        let mut tried = 0;
+        while begin < self.ridge.len() && self.gates.len() < Self::MOST && tried < Self::MOST {
             let len = self.ridge[begin..].iter().take_while(|(_, room)| *room < narrow).count();
             // Places that hold the start or the goal are left to the motions and to the goal's own lanes.
             if len > 0 && begin > 0 && begin + len < self.ridge.len() {
                 self.add_lane(site, begin, len);
+                tried += 1;
             }
             begin += len.max(1);
         }

@@ -166,6 +166,9 @@ impl GlobalPlanner for Anya {
             end = self.search.run(&self.runs, (from, self.space.cell(last)), &mut limits);
             expansions += self.search.expansions;
         }
+        if end == Err(NoPathReason::Disconnected) {
+            return no_path(NoPathReason::Disconnected, expansions);
+        }
         self.search.way_back_into(&mut self.way);
         let length = self.write(&layout, (start, goal), end.is_ok(), path)?;
         match end {
