@@ -146,42 +146,6 @@ impl<const M: usize> Ldl<M> {
     /// [`Error::NotCovariance`] if a pivot is no more than the rounding of its diagonal entry.
     #[inline(always)]
     pub(super) fn new(name: &'static str, matrix: &SMatrix<f64, M, M>) -> Result<Self, Error> {
-        match if M == 3 { Self::by_minors(matrix) } else { None } {
-            Some(factor) => Ok(factor),
-            None => Self::by_pivots(name, matrix),
-        }
-    }
-
-    /// The factors of three rows from the leading minors `m1, m2, m3`, whose quotients the pivots are: the divisions, which take
-    /// longest, do not wait for each other. None if the matrix is not far from singular, since minors lose more digits then than
-    /// pivots do, or has entries whose products leave the range of numbers.
-    #[inline(always)]
-    fn by_minors(matrix: &SMatrix<f64, M, M>) -> Option<Self> {
-        /// How much of the product of the diagonal a minor must be.
-        const FAR: f64 = 1e-3;
-        let at = |i: usize, j: usize| matrix[(i, j)];
-        let (a, b, c, d, e, f) = (at(0, 0), at(1, 0), at(2, 0), at(1, 1), at(2, 1), at(2, 2));
-        let (second, cross) = (a * d - b * b, a * e - b * c);
-        // The determinant by its last row.
-        let third = f * second - (e * cross + c * (c * d - b * e));
-        // NaN fails all comparisons.
-        let is_far = a > 1e-80 && second > FAR * (a * d) && third > FAR * (second * f) && second > 1e-160;
-        if !(is_far && third > 1e-240 && third < 1e240) {
-            return None;
-        }
-        let (by_first, by_second, by_third) = (1.0 / a, 1.0 / second, 1.0 / third);
-        let mut factor = Self { lower: SMatrix::identity(), pivots: SVector::zeros(), reciprocals: SVector::zeros() };
-        (factor.lower[(1, 0)], factor.lower[(2, 0)]) = (b * by_first, c * by_first);
-        factor.lower[(2, 1)] = cross * by_second;
-        let pivots = [(a, by_first), (second * by_first, a * by_second), (third * by_second, second * by_third)];
-        for (i, (pivot, reciprocal)) in pivots.into_iter().enumerate() {
-            (factor.pivots[i], factor.reciprocals[i]) = (pivot, reciprocal);
-        }
-        Some(factor)
-    }
-
-    #[inline(always)]
-    fn by_pivots(name: &'static str, matrix: &SMatrix<f64, M, M>) -> Result<Self, Error> {
         let mut lower = *matrix;
         let (mut pivots, mut reciprocals) = (SVector::zeros(), SVector::zeros());
         for j in 0..M {
@@ -277,25 +241,6 @@ mod tests {
     use proptest::prelude::*;
 
     proptest! {
-        /// Whichever way a matrix is factored, the factors are the same but for rounding.
-        #[test]
-        fn minors_and_pivots_agree(entries in prop::array::uniform9(-2.0..2.0_f64), scale in -30..30_i32) {
-            let root = SMatrix::<f64, 3, 3>::from_row_slice(&entries);
-            let matrix = (root * root.transpose() + SMatrix::identity() * 0.1) * 10_f64.powi(scale);
-            let by_pivots = Ldl::by_pivots("matrix", &matrix).unwrap();
-            if let Some(by_minors) = Ldl::by_minors(&matrix) {
-                for i in 0..3 {
-                    prop_assert!((by_minors.pivots[i] / by_pivots.pivots[i] - 1.0).abs() < 1e-10);
-                    prop_assert!((by_minors.reciprocals[i] * by_pivots.pivots[i] - 1.0).abs() < 1e-10);
-                    for j in 0..i {
-                        prop_assert!((by_minors.lower[(i, j)] - by_pivots.lower[(i, j)]).abs() < 1e-10 * by_pivots.lower.amax().max(1.0));
-                    }
-                }
-            } else {
-                prop_assert!(matrix.determinant() < 2e-3 * matrix.diagonal().product());
-            }
-        }
-
         /// Against nalgebra's general inverse.
         #[test]
         fn factors_divide_as_the_inverse_does(entries in prop::array::uniform9(-2.0..2.0_f64), w in prop::array::uniform9(-2.0..2.0_f64)) {
