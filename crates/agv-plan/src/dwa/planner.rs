@@ -13,7 +13,7 @@ use crate::{
 };
 use agv_core::{
     geometry::{LieGroup, Twist2},
-    kinematics::{Motion, stopping_speed},
+    kinematics::{Motion, rise, stopping_speed},
     roles::{BlockReason, LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner},
 };
 use nalgebra::Vector2;
@@ -257,16 +257,16 @@ impl Dwa {
         let &LocalPlanRequest { state, limits, dt, .. } = request;
         let [vx, vy, turn] = self.batch.target(i).map(f64::from);
         let now = state.twist;
-        let (up, down) = (limits.twist.acceleration * dt, limits.twist.deceleration * dt);
-        let vx = towards(now.vx, vx, up, down);
+        let (up, down) = (limits.twist.acceleration, limits.twist.deceleration);
+        let vx = towards(now.vx, vx, up, down, dt);
         let target = if let Some(steering) = &limits.steering {
             let angle = steering_angle(&state.motion(), limits);
             let change = steering.max_rate * dt;
             let angle = (turn * steering.wheelbase).atan().clamp(angle - change, angle + change);
             Motion { twist: Twist2::new(vx, 0.0, vx * steering.curvature(angle)), steering: Some(angle) }
         } else {
-            let change = limits.twist.yaw_acceleration * dt;
-            Twist2::new(vx, towards(now.vy, vy, up, down), towards(now.yaw_rate, turn, change, change)).into()
+            let change = limits.twist.yaw_acceleration;
+            Twist2::new(vx, towards(now.vy, vy, up, down, dt), towards(now.yaw_rate, turn, change, change, dt)).into()
         };
         limits.step_checked(&state.motion(), &target, dt)
     }
@@ -420,9 +420,8 @@ impl LocalPlanner for Dwa {
 }
 
 /// A component after a step towards its target.
-fn towards(now: f64, target: f64, up: f64, down: f64) -> f64 {
-    let highest = now + if now >= 0.0 { up } else { down };
-    let lowest = now - if now > 0.0 { down } else { up };
+fn towards(now: f64, target: f64, acceleration: f64, deceleration: f64, dt: f64) -> f64 {
+    let (lowest, highest) = (-rise(-now, acceleration, deceleration, dt), rise(now, acceleration, deceleration, dt));
     target.max(lowest).min(highest)
 }
 

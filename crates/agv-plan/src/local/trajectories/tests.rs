@@ -1,6 +1,7 @@
 use super::*;
 use agv_core::{
     grid::{CellState, Costmap, Grid, GridLayout, LocalMapParams},
+    kinematics::rise,
     roles::laws,
 };
 use proptest::prelude::*;
@@ -37,21 +38,25 @@ proptest! {
         }
     }
 
-    /// From rest a vehicle speeds up as its limits say, and the batch keeps to it.
+    /// A vehicle changes its speed as its limits say, through zero too, and the batch keeps to it.
     #[test]
-    fn ramps_are_those_of_the_limits(vx in 0.1..1.0_f64, yaw_rate in -1.0..1.0_f64) {
-        let limits = MotionLimits::default();
+    fn ramps_are_those_of_the_limits(
+        before in -0.3..1.0_f64, vx in -0.3..1.0_f64, yaw_rate in -1.0..1.0_f64,
+        acceleration in 0.2..2.0_f64, deceleration in 0.2..2.0_f64,
+    ) {
+        let mut limits = MotionLimits::default();
+        (limits.twist.acceleration, limits.twist.deceleration) = (acceleration, deceleration);
         let map = map_with(&[], 0.0);
-        let mut state = VehicleState::new(Se2::default(), Twist2::ZERO);
+        let mut state = VehicleState::new(Se2::default(), Twist2::new(before, 0.0, 0.0));
         let mut batch = Trajectories::default();
         batch.begin(&state, &map, 20, 0.1);
         batch.push([vx as f32, 0.0, yaw_rate as f32]);
         batch.roll_out(&state, &limits, &map, &Footprint::circle(0.2).unwrap());
         for step in 0..20 {
             let now = state.twist;
-            let to = |now: f64, target: f64, change: f64| target.clamp(now - change, now + change);
-            let twist = Twist2::new(to(now.vx, vx, 0.05), 0.0, to(now.yaw_rate, yaw_rate, 0.1));
-            assert!(limits.allows_step(&now.into(), &twist.into(), 0.1));
+            let to = |now: f64, target: f64, a: f64, d: f64| target.clamp(-rise(-now, a, d, 0.1), rise(now, a, d, 0.1));
+            let twist = Twist2::new(to(now.vx, vx, acceleration, deceleration), 0.0, to(now.yaw_rate, yaw_rate, 1.0, 1.0));
+            prop_assert!(limits.allows_step(&now.into(), &twist.into(), 0.1));
             state = state.after(&twist.into(), 0.1);
             let view = batch.at_step(step);
             let found = Vector2::new(f64::from(view.x[0]), f64::from(view.y[0]));
