@@ -40,7 +40,7 @@ pub struct DwaParams {
     pub window: f64,
     /// Whether the window follows speed and room; none for one of a fixed time.
     pub adaptive: Option<AdaptiveWindow>,
-    /// Duration of the trajectories, in seconds.
+    /// Duration of the trajectories, in seconds; a step takes [`MAX_STEP`](Self::MAX_STEP) at the most.
     pub horizon: f64,
     /// Steps of a trajectory.
     pub steps: usize,

@@ -75,7 +75,7 @@ pub struct Dwa {
 /// How long there has been no progress.
 #[derive(Debug, Clone, Copy, Default)]
 struct Patience {
-    /// Least that remained, in metres, and time since then, in seconds.
+    /// Least that remained, in metres, and time of driving since then, in seconds: who stands for somebody does not lose it.
     least: f64,
     waited: f64,
 }
@@ -280,7 +280,7 @@ impl Dwa {
             return self.blocked(request, BlockReason::Obstacle);
         };
         self.field.trace(&position);
-        if self.gives_up(drive, request.dt) {
+        if self.gives_up(drive) {
             return self.blocked(request, BlockReason::Limits);
         }
         self.sample(request, drive);
@@ -343,6 +343,7 @@ impl Dwa {
                     let status = if stands && !turns_wheels {
                         LocalPlanStatus::Blocked(self.standing_reason(request))
                     } else {
+                        self.progress.waited += request.dt;
                         LocalPlanStatus::Following
                     };
                     return Ok(Some(LocalCommand { motion, status }));
@@ -369,13 +370,12 @@ impl Dwa {
         Ok(LocalCommand { motion, status: LocalPlanStatus::Blocked(reason) })
     }
 
-    /// Whether there was no progress for too long.
-    fn gives_up(&mut self, drive: &Drive, dt: f64) -> bool {
+    /// Whether it drove without progress for too long.
+    fn gives_up(&mut self, drive: &Drive) -> bool {
         let patience = &mut self.progress;
         if self.reference.is_new() || drive.remaining < patience.least - PROGRESS {
             *patience = Patience { least: drive.remaining, waited: 0.0 };
         }
-        patience.waited += dt;
         patience.waited > self.params.patience
     }
 
