@@ -379,23 +379,29 @@ impl Dwa {
         patience.waited > self.params.patience
     }
 
-    /// Turns on the spot, the shorter way if it is free, else the other; whatever moves otherwise is braked.
+    /// Turns on the spot: the shorter way, unless that is closed and the other is not. An angle of zero is a stop on the way.
     fn turn(&mut self, request: &LocalPlanRequest<'_>, error: f64) -> Result<LocalCommand, LocalPlanError> {
         self.last = Twist2::ZERO;
-        let limits = request.limits;
-        let around = error - std::f64::consts::TAU.copysign(error);
-        let mut reason = BlockReason::Obstacle;
-        for angle in [error, around] {
-            let rate =
-                stopping_speed(angle.abs(), limits.twist.yaw_acceleration, request.dt).min(limits.twist.yaw_rate);
-            let target = Twist2::new(0.0, 0.0, rate.copysign(angle));
-            let motion = limits.step_checked(&request.state.motion(), &target.into(), request.dt);
-            match self.guard.check_trusted(request, &motion)? {
-                Verdict::Clear => return Ok(LocalCommand { motion, status: LocalPlanStatus::Following }),
-                Verdict::Blocked(because) => reason = because,
-            }
+        if error == 0.0 {
+            let motion = self.guard.brake(request)?;
+            return Ok(LocalCommand { motion, status: LocalPlanStatus::Following });
         }
-        self.blocked(request, reason)
+        let (limits, pose) = (request.limits, request.state.map_from_base);
+        // All of the turn, not the next cycle: the way is chosen once, and not again at the obstacle.
+        let closed = |angle: f64| {
+            let (twist, margin) = (Twist2::new(0.0, 0.0, 1.0_f64.copysign(angle)), self.params.guard.margin);
+            let obstacles = request.map.obstacles();
+            obstacles.collides_along_within(&self.params.footprint, &pose, &twist, angle.abs(), margin)
+        };
+        let around = error - std::f64::consts::TAU.copysign(error);
+        let angle = if closed(error)? && !closed(around)? { around } else { error };
+        let rate = stopping_speed(angle.abs(), limits.twist.yaw_acceleration, request.dt).min(limits.twist.yaw_rate);
+        let target = Twist2::new(0.0, 0.0, rate.copysign(angle));
+        let motion = limits.step_checked(&request.state.motion(), &target.into(), request.dt);
+        match self.guard.check_trusted(request, &motion)? {
+            Verdict::Clear => Ok(LocalCommand { motion, status: LocalPlanStatus::Following }),
+            Verdict::Blocked(because) => self.blocked(request, because),
+        }
     }
 }
 
