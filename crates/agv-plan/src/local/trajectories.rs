@@ -1,7 +1,7 @@
 //! Many trajectories at once, as structure of arrays: what a sampling planner rolls out and its critics score.
 //!
 //! All are in a local frame, metres from the vehicle along the axes of the map's grid, in `f32`: small numbers, eight to a register.
-//! A step is the exact arc of its twist, `θ = ω dt` entering by the series of `sin θ / θ` and `(1 - cos θ) / θ`. The velocities follow
+//! A step is the exact arc of its twist, `θ = ω dt` entering by the series of `sin θ / θ` and `(1 - cos θ) / θ`, good for `|θ| <= 1`. The velocities follow
 //! ramps: each component goes from what it is to its target as fast as the limits allow, so that what is rolled out is what the
 //! vehicle would do; a target within one step of the present velocity gives a plain arc.
 //!

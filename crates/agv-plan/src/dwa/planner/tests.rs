@@ -154,6 +154,7 @@ fn bad_input_is_refused_or_told() {
         DwaParams { turns: 0, ..good.clone() },
         DwaParams { steps: 0, ..good.clone() },
         DwaParams { horizon: 0.0, ..good.clone() },
+        DwaParams { horizon: 9.0, ..good.clone() },
         DwaParams { window: f64::NAN, ..good.clone() },
         DwaParams { look_ahead: -1.0, ..good.clone() },
         DwaParams { stopping_share: 2.0, ..good.clone() },
@@ -191,7 +192,6 @@ fn bad_input_is_refused_or_told() {
     }
 }
 
-/// Paper 000's adjustment of the window: narrow near obstacles and at rest.
 /// A post in the short way of a turn: the other one is taken, to its end.
 #[test]
 fn a_post_in_the_short_way_is_turned_around() {
@@ -261,6 +261,7 @@ fn what_is_blocked_at_once_costs_infinity() {
     assert!(!blocked.is_empty() && blocked.iter().all(|&i| planner.costs()[i].is_infinite()));
 }
 
+/// Paper 000's adjustment of the window: narrow near obstacles and at rest.
 #[test]
 fn the_window_follows_speed_and_room() {
     let (limits, way) = (MotionLimits::default(), path());
