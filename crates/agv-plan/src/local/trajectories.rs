@@ -14,7 +14,7 @@ use agv_core::{
     geometry::{LieGroup, Se2, Twist2},
     grid::{Cell, Footprint, LocalMap, Revision},
     kinematics::MotionLimits,
-    obstacle::MovingObstacle,
+    obstacle::{Hull, MovingObstacle},
     roles::VehicleState,
 };
 use kernel::{GridFrame, Ramps, advance, count_free, place};
@@ -276,6 +276,9 @@ impl Trajectories {
         let (free, clearance) = (self.free.as_mut_slice(), self.clearance.as_slice());
         self.arch.dispatch(
             #[inline(always)]
+            if vertices.len() > 2 {
+                self.meet_inside(obstacle);
+            }
             || count_free(free, clearance, limit),
         );
     }
@@ -307,6 +310,35 @@ impl Trajectories {
                     let clearance = &mut self.clearance[at];
                     for &[ahead, left, radius] in &self.circles {
                         let reach = radius + obstacle.radius as f32;
+    /// Takes in who is within the outline of an obstacle, left of all its edges: as deep as the nearest of them is far.
+    fn meet_inside(&mut self, obstacle: &MovingObstacle) {
+        let rotation = self.map_from_local.rotation().inverse();
+        let velocity: Vector2<f32> = rotation.act(&obstacle.velocity).cast();
+        let position = self.to_local(&obstacle.position);
+        let vertices = obstacle.hull.vertices();
+        // A point of each edge, and the way to its left.
+        let mut edges = [(Vector2::<f32>::zeros(), Vector2::<f32>::zeros()); Hull::MAX_VERTICES];
+        for (edge, (from, to)) in edges.iter_mut().zip(vertices.iter().zip(vertices.iter().cycle().skip(1))) {
+            let along = (to - from) / (to - from).norm();
+            *edge = (rotation.act(from).cast(), rotation.act(&Vector2::new(-along.y, along.x)).cast());
+        }
+        let edges = &edges[..vertices.len()];
+        for step in 0..self.steps {
+            let origin = position + velocity * ((step + 1) as f32 * self.dt as f32);
+            for i in step * self.stride..(step + 1) * self.stride {
+                for &[ahead, left, radius] in &self.circles {
+                    let dx = self.x[i] + self.cos[i] * ahead - self.sin[i] * left - origin.x;
+                    let dy = self.y[i] + self.sin[i] * ahead + self.cos[i] * left - origin.y;
+                    let to_left = edges.iter().map(|(from, left)| (dx - from.x) * left.x + (dy - from.y) * left.y);
+                    let depth = to_left.fold(f32::INFINITY, f32::min);
+                    if depth > 0.0 {
+                        self.clearance[i] = self.clearance[i].min(-depth - radius - obstacle.radius as f32);
+                    }
+                }
+            }
+        }
+    }
+
                         for i in 0..stride {
                             let dx = x[i] + cos[i] * ahead - sin[i] * left - begin.x;
                             let dy = y[i] + sin[i] * ahead + cos[i] * left - begin.y;

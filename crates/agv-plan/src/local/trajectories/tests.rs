@@ -105,3 +105,24 @@ fn obstacles_are_met_at_their_time() {
         assert_eq!(batch.free()[0] == 20, free, "{obstacle:?}");
     }
 }
+
+/// Within an outline the vehicle touches it, however far its edges are.
+#[test]
+fn the_inside_of_an_obstacle_is_no_free_ground() {
+    let (map, limits) = (map_with(&[], 0.5), MotionLimits::default());
+    let state = VehicleState::new(Se2::new(0.2, 0.1, 0.7), Twist2::new(1.0, 0.0, 0.0));
+    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| Vector2::new(x, y));
+    let center = state.map_from_base.act(&Vector2::new(1.6, 0.0));
+    let shelf = MovingObstacle::new(center, Vector2::zeros(), 0.1).unwrap().with_hull(Hull::new(&corners).unwrap());
+    let mut batch = Trajectories::default();
+    batch.begin(&state, &map, 20, 0.1);
+    batch.push([1.0, 0.0, 0.0]);
+    batch.roll_out(&state, &limits, &map, &Footprint::circle(0.2).unwrap());
+    batch.meet(&[shelf]);
+    for step in 0..20 {
+        let place = state.map_from_base.act(&Vector2::new(0.1 * f64::from(step + 1), 0.0));
+        let gap = shelf.distance_after(0.0, &place) - 0.2;
+        let found = f64::from(batch.at_step(step as usize).clearance[0]);
+        assert!(gap > 0.3 || (found - gap).abs() < 1e-3, "{found} {gap}");
+    }
+}
