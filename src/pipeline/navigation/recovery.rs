@@ -43,7 +43,7 @@ const LONGEST: f64 = 3.0;
 const LONGEST_MANOEUVRE: f64 = 15.0;
 /// How long a vehicle stands to look again, in seconds: some scans.
 const LOOK: f64 = 0.3;
-/// Way back, in metres; half as much again in each further round.
+/// Way back, in metres.
 const BACK: f64 = 0.3;
 /// Speed of a recovery, in metres per second and radians per second.
 const SPEED: f64 = 0.3;
