@@ -263,7 +263,8 @@ impl Navigation {
             LocalPlanStatus::Blocked(reason) => self.blocked = Some(reason),
             LocalPlanStatus::InCollision => {
                 self.blocked = Some(BlockReason::Obstacle);
-                if request.state.twist == Twist2::ZERO && self.escapes < self.params.recoveries {
+                let rest = request.limits.brake(&request.state.motion(), request.dt)?;
+                if rest.twist == Twist2::ZERO && self.escapes < self.params.recoveries {
                     self.escapes += 1;
                     self.behaviour = Some(Behaviour::escape(request));
                     return answer(NavigationStatus::Recovering(Recovery::Escape));
