@@ -31,7 +31,8 @@ pub struct NavigationParams {
     pub blocked_time: f64,
     /// How long to wait for an obstacle that moves, in seconds.
     pub patience: f64,
-    /// Recovery behaviours without progress between them before giving up.
+    /// Recovery behaviours before giving up, and as many escapes from contacts beside. Both are counted anew once the vehicle gets
+    /// on by itself farther than a metre, and than twice `progress_distance`, from where it got stuck.
     pub recoveries: u32,
 }
 
