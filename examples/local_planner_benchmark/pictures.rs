@@ -10,13 +10,20 @@ use agv_nav::{
     prelude::{LieGroup as _, Se2},
 };
 use agv_support::plot::{Color, Scene, TimeSeries};
-use std::{f64::consts::TAU, fs, path::Path};
+use std::{
+    f64::consts::TAU,
+    fs,
+    io::ErrorKind,
+    path::{Path, PathBuf},
+};
 
-/// Draws each failure, or all runs; pictures of an earlier call go.
+/// Draws the first run and each failure, or all runs; pictures of these worlds from an earlier call go.
 pub(crate) fn draw(out: &Path, trials: &[Trial], runs: &[Run], all: bool) -> Result<()> {
-    for entry in fs::read_dir(out)?.flatten() {
-        if entry.path().extension().is_some_and(|extension| extension == "png") {
-            fs::remove_file(entry.path())?;
+    for file in trials.iter().flat_map(|trial| files(out, trial)) {
+        if let Err(error) = fs::remove_file(file)
+            && error.kind() != ErrorKind::NotFound
+        {
+            return Err(error.into());
         }
     }
     for (index, (trial, run)) in trials.iter().zip(runs).enumerate() {
@@ -28,7 +35,13 @@ pub(crate) fn draw(out: &Path, trials: &[Trial], runs: &[Run], all: bool) -> Res
     Ok(())
 }
 
+/// The scene of a run, and its motion over time.
+fn files(out: &Path, trial: &Trial) -> [PathBuf; 2] {
+    [out.join(format!("{}.png", trial.name)), out.join(format!("{}_speed.png", trial.name))]
+}
+
 fn draw_one(out: &Path, trial: &Trial, run: &Run) -> Result<()> {
+    let [picture, speeds] = files(out, trial);
     let title = format!("{}: {:?} after {:.1} s, {:?}", trial.name, run.end, run.time, run.status);
     let mut scene = Scene::new(title).width(900);
     if let Some(map) = &trial.map {
@@ -55,14 +68,14 @@ fn draw_one(out: &Path, trial: &Trial, run: &Run) -> Result<()> {
         let color = if run.end == End::Success { Color::Green } else { Color::Red };
         scene = scene.line("vehicle", color, outline(end));
     }
-    scene.mark("goal", Color::Green, trial.goal.translation()).write(out.join(format!("{}.png", trial.name)))?;
+    scene.mark("goal", Color::Green, trial.goal.translation()).write(picture)?;
 
     let pairs = || run.track.windows(2).enumerate();
     let motion = |(index, pair): (usize, &[Se2])| (index as f64 * 0.05, pair[0].between(&pair[1]));
     TimeSeries::new(&*trial.name, "time (s)", "m/s, rad/s")
         .curve("speed", Color::Blue, pairs().map(motion).map(|(t, step)| (t, step.x() / 0.05)))
         .curve("turn rate", Color::Orange, pairs().map(motion).map(|(t, step)| (t, step.yaw() / 0.05)))
-        .write(out.join(format!("{}_speed.png", trial.name)))?;
+        .write(speeds)?;
     Ok(())
 }
 
