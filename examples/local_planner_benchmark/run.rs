@@ -12,7 +12,7 @@ use rand_distr::{Distribution as _, Normal};
 use std::sync::Mutex;
 
 /// Time of a planning cycle and of a scan, in seconds.
-const CYCLE: f64 = 0.05;
+pub(crate) const CYCLE: f64 = 0.05;
 /// Steps of the simulation in a cycle: the vehicle's ramps are smooth.
 const STEPS: u64 = 5;
 /// When a run ends at the latest, in seconds.
