@@ -40,7 +40,7 @@ impl Teb {
     ) -> Result<(Choice, LocalPlanStatus), LocalPlanError> {
         let params = &self.params;
         let ground = Ground::new(params, &self.circles, request, gear);
-        let holonomic = ground.is_holonomic();
+        let holonomic = ground.limits.is_holonomic();
         let stops = sample(&self.course, request, &ground, progress, &self.points, &mut self.samples);
         if self.samples.len() < 2 {
             self.brake(request)?;

@@ -29,11 +29,6 @@ impl<'a> Ground<'a> {
         Self { params, limits: request.limits, map: request.map, circles, gear }
     }
 
-    /// Whether the vehicle drives in any direction.
-    pub(super) fn is_holonomic(&self) -> bool {
-        self.limits.twist.lateral_speed > 0.0 && self.limits.steering.is_none()
-    }
-
     /// Least clearance of a pose on the field; none off the map.
     pub(super) fn clearance(&self, [x, y, yaw]: [f64; 3]) -> Option<f64> {
         let (sin, cos) = yaw.sin_cos();
@@ -119,7 +114,7 @@ impl Line {
         let limits = ground.limits;
         let twist = &limits.twist;
         let curvature = self.curvatures[i];
-        let way_speed = if ground.is_holonomic() {
+        let way_speed = if ground.limits.is_holonomic() {
             self.holonomic_speed(i, ground)
         } else if ground.gear < 0.0 {
             twist.reverse_speed

@@ -46,11 +46,6 @@ const ROTATING: usize = 3;
 pub(super) const HALF_BANDWIDTH: usize = 10;
 
 impl Problem<'_> {
-    /// Whether the vehicle can move to the side.
-    pub(super) fn is_holonomic(&self) -> bool {
-        self.limits.twist.lateral_speed > 0.0 && self.limits.steering.is_none()
-    }
-
     /// Says all residuals, pose by pose.
     fn walk(&self, band: &Band, state: &Stages<'_>, out: &mut Sums<'_>) {
         let (w, unknowns) = (&self.params.weights, band.unknowns());
@@ -67,7 +62,7 @@ impl Problem<'_> {
         let clear =
             Clearance { map: self.map, circles: self.circles, clearance: self.params.clearance, weight: w.obstacle };
         let cautious = self.cautious();
-        let holonomic = self.is_holonomic();
+        let holonomic = self.limits.is_holonomic();
         let heading = |i: usize| {
             let yaw = unknowns.get(4 * i + 2).copied().unwrap_or(0.0);
             (yaw, Direction::of(yaw))

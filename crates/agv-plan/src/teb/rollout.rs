@@ -107,7 +107,7 @@ impl Rollout {
             if speed <= 1e-3 && state.twist.speed() <= 1e-3 {
                 return None;
             }
-            let target = if ground.is_holonomic() {
+            let target = if ground.limits.is_holonomic() {
                 holonomic_target(line, &place, &half_way, state, speed)
             } else {
                 arc_target(ground, line, &place, &half_way, state, speed)

@@ -21,7 +21,7 @@ pub(super) fn sample(
     samples: &mut Vec<Sample>,
 ) -> bool {
     let (params, twist) = (ground.params, &ground.limits.twist);
-    let holonomic = ground.is_holonomic();
+    let holonomic = ground.limits.is_holonomic();
     let end = course.section_end();
     let braking = 0.5 * twist.forward_speed.powi(2) / (params.acceleration_share * twist.deceleration);
     let horizon = params.horizon.max(1.2 * braking);
