@@ -57,8 +57,8 @@ impl Problem<'_> {
         let rolling = NonHolonomic { weight: w.kinematics };
         let radius = TurningRadius { max_curvature: self.limits.max_curvature(), weight: w.turning_radius };
         let acceleration = Acceleration::new(self.limits, share, w.acceleration);
-        let wheelbase = self.limits.steering.map(|steering| share * steering.max_rate / steering.wheelbase);
-        let steering = wheelbase.map(|curvature_rate| SteeringRate { curvature_rate, weight: w.acceleration });
+        let curvature_rate = self.limits.steering.map(|steering| share * steering.max_rate / steering.wheelbase);
+        let steering = curvature_rate.map(|curvature_rate| SteeringRate { curvature_rate, weight: w.acceleration });
         let clear =
             Clearance { map: self.map, circles: self.circles, clearance: self.params.clearance, weight: w.obstacle };
         let cautious = self.cautious();
