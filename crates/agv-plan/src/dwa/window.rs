@@ -38,11 +38,8 @@ impl Window {
         let back = at_most(twist.reverse_speed, gear == Gear::Reverse);
         let forward = reach(current.twist.vx, up, down, time, (-back, top));
         let side = twist.lateral_speed.min(cap);
-        let lateral = if twist.lateral_speed > 0.0 && limits.steering.is_none() {
-            reach(current.twist.vy, up, down, time, (-side, side))
-        } else {
-            (0.0, 0.0)
-        };
+        let lateral =
+            if limits.is_holonomic() { reach(current.twist.vy, up, down, time, (-side, side)) } else { (0.0, 0.0) };
         let turn = if let Some(steering) = &limits.steering {
             let angle = steering_angle(current, limits);
             let rate = steering.max_rate;
