@@ -43,7 +43,9 @@ fn elastic_band() {
         assert!(state.map_from_base.x() > 6.0, "{state:?}");
     };
     let mut drives = [(0, &path), (0, &place), (1, &path), (1, &place)];
-    drives.iter().for_each(|&(world, path)| drive(&worlds[world], path));
+    for &(world, path) in &drives {
+        drive(&worlds[world], path);
+    }
     drives.reverse();
     assert_eq!(counter::count(|| drives.iter().for_each(|&(world, path)| drive(&worlds[world], path))), 0);
 }
