@@ -4,3 +4,8 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 pub mod convert;
+mod error;
+pub mod ndt;
+pub mod registration;
+
+pub use error::Error;

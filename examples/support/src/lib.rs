@@ -13,6 +13,7 @@
 //! | UTIAS landmark sightings (MRCLAM) | [`mrclam`] |
 //! | trajectories: TUM, KITTI | [`trajectory`] |
 //! | Kümmerle's relations | [`relations`] |
+//! | reference poses of pairs of clouds | [`pairs`] |
 //! | worlds for local planners: BARN, `DynaBARN`, MRPB | [`localplan`] |
 //! | clouds: PLY, PCD, KITTI and raw binary | [`cloud`] |
 //!
@@ -31,6 +32,7 @@ pub mod log;
 pub mod map;
 pub mod movingai;
 pub mod mrclam;
+pub mod pairs;
 pub mod plot;
 pub mod progress;
 pub mod relations;

@@ -1,0 +1,186 @@
+//! The score of a cloud against one level of a map, as a cost over poses.
+
+use super::kernel::{Block, Frame, LaneSums, Moved, accumulate, turn};
+use super::level::Level;
+use super::mixture::Mixture;
+use super::search::{MAX_BLOCKS, NOTHING, Surroundings, UNKNOWN, VoxelSearch, gather};
+use super::table::{floor, pack};
+use crate::registration::{Objective, Quadratic, quadratic::MotionSums};
+use agv_core::{
+    compute::{CHUNK, Par},
+    geometry::Se3,
+    sensors::PointSource,
+};
+use nalgebra::Vector3;
+use pulp::Arch;
+
+/// The source's points as the loops want them, and the blocks that each was seen with last.
+#[derive(Debug, Clone, Default)]
+pub(super) struct SourcePoints {
+    x: Vec<f32>,
+    y: Vec<f32>,
+    z: Vec<f32>,
+    key: Vec<u64>,
+    block: Vec<u32>,
+}
+
+/// Not the key of any voxel.
+const NO_KEY: u64 = u64::MAX;
+
+impl SourcePoints {
+    /// Takes the finite points of a source; the memory is used again.
+    pub(super) fn refill(&mut self, source: &(impl PointSource + ?Sized)) {
+        self.clear();
+        for index in 0..source.len() {
+            let point = source.point(index);
+            if point.x.is_finite() && point.y.is_finite() && point.z.is_finite() {
+                self.push(&point);
+            }
+        }
+    }
+
+    /// Takes every `stride`-th point of another.
+    pub(super) fn thin(&mut self, other: &Self, stride: usize) {
+        self.clear();
+        for index in (0..other.len()).step_by(stride.max(1)) {
+            self.push(&other.point(index));
+        }
+    }
+
+    pub(super) const fn len(&self) -> usize {
+        self.x.len()
+    }
+
+    pub(super) fn point(&self, index: usize) -> Vector3<f32> {
+        Vector3::new(self.x[index], self.y[index], self.z[index])
+    }
+
+    fn clear(&mut self) {
+        self.x.clear();
+        self.y.clear();
+        self.z.clear();
+        self.key.clear();
+        self.block.clear();
+    }
+
+    fn push(&mut self, point: &Vector3<f32>) {
+        self.x.push(point.x);
+        self.y.push(point.y);
+        self.z.push(point.z);
+        self.key.push(NO_KEY);
+        self.block.push(UNKNOWN);
+    }
+
+    fn forget_blocks(&mut self) {
+        self.key.fill(NO_KEY);
+    }
+}
+
+/// The negative score of `source` against `level`.
+pub(super) struct ScoreObjective<'a> {
+    pub(super) level: &'a Level,
+    pub(super) source: &'a mut SourcePoints,
+    pub(super) surroundings: &'a mut Surroundings,
+    pub(super) mixture: Mixture,
+    pub(super) search: VoxelSearch,
+    /// Share of the true curvature in the Hessian: 1 is Newton's, 0 that of Gauss and Newton.
+    pub(super) curvature: f64,
+    pub(super) par: Par,
+    pub(super) arch: Arch,
+}
+
+impl ScoreObjective<'_> {
+    /// Forgets what is known of another level or place, and looks around the points as they lie at `pose`.
+    pub(super) fn prepare(&mut self, pose: &Se3) {
+        let origin = (pose.translation() / self.level.edge).map(floor);
+        self.surroundings.clear([origin.x, origin.y, origin.z]);
+        self.source.forget_blocks();
+        let frame = self.frame(pose);
+        let mut moved = Moved::new();
+        let (surroundings, arch) = (&mut *self.surroundings, self.arch);
+        let source = &mut *self.source;
+        let chunks = source.x.chunks(CHUNK).zip(source.y.chunks(CHUNK)).zip(source.z.chunks(CHUNK));
+        let places = source.key.chunks_mut(CHUNK).zip(source.block.chunks_mut(CHUNK));
+        for (((x, y), z), (keys, blocks)) in chunks.zip(places) {
+            arch.dispatch(#[inline(always)] || turn(&frame, [x, y, z], &mut moved));
+            for (i, (key, block)) in keys.iter_mut().zip(blocks).enumerate() {
+                let cell = [moved.cell[0][i], moved.cell[1][i], moved.cell[2][i]];
+                let Some(packed) = pack(cell) else { continue };
+                (*key, *block) = (packed, surroundings.make(self.level, self.search, cell, packed));
+            }
+        }
+    }
+
+    fn frame(&self, pose: &Se3) -> Frame {
+        let origin = Vector3::from(self.surroundings.origin.map(f64::from)) * self.level.edge;
+        let reach = self.search.reach() * self.level.edge;
+        Frame::new(pose, &origin, self.level.edge, &self.mixture, self.curvature, reach)
+    }
+}
+
+impl Objective for ScoreObjective<'_> {
+    fn evaluate(&mut self, pose: &Se3) -> Quadratic {
+        let frame = self.frame(pose);
+        let (level, surroundings, search, arch) = (self.level, &*self.surroundings, self.search, self.arch);
+        let source = &mut *self.source;
+        let points = (source.x.as_slice(), source.y.as_slice(), source.z.as_slice());
+        let data = (points, source.key.as_mut_slice(), source.block.as_mut_slice());
+        let sums = self.par.map_reduce_chunks(
+            (data.0.0, data.0.1, data.0.2, data.1, data.2),
+            CHUNK,
+            |_, (x, y, z, keys, blocks)| {
+                arch.dispatch(Chunk { frame: &frame, level, surroundings, search, points: [x, y, z], keys, blocks })
+            },
+            MotionSums::merged,
+        );
+        sums.unwrap_or_default().quadratic(pose, self.curvature)
+    }
+}
+
+/// One chunk of an evaluation.
+struct Chunk<'a> {
+    frame: &'a Frame,
+    level: &'a Level,
+    surroundings: &'a Surroundings,
+    search: VoxelSearch,
+    points: [&'a [f32]; 3],
+    keys: &'a mut [u64],
+    blocks: &'a mut [u32],
+}
+
+impl pulp::NullaryFnOnce for Chunk<'_> {
+    type Output = MotionSums;
+
+    #[inline(always)]
+    fn call(self) -> MotionSums {
+        let Self { frame, level, surroundings, search, points, keys, blocks } = self;
+        let (mut moved, mut sums) = (Moved::new(), LaneSums::new());
+        turn(frame, points, &mut moved);
+        for (i, (key, block)) in keys.iter_mut().zip(blocks).enumerate() {
+            let cell = [moved.cell[0][i], moved.cell[1][i], moved.cell[2][i]];
+            let Some(packed) = pack(cell) else { continue };
+            if packed != *key {
+                (*key, *block) = (packed, surroundings.first_block(packed));
+            }
+            let y = [moved.y[0][i], moved.y[1][i], moved.y[2][i]];
+            match *block {
+                NOTHING => {}
+                UNKNOWN => {
+                    // Not seen from where the search began: made for this point alone.
+                    let mut own = [Block::default(); MAX_BLOCKS];
+                    if gather(level, search, surroundings.origin, cell, &mut own) {
+                        sums.met();
+                        own.iter().take(search.blocks()).for_each(|block| accumulate(frame, y, block, &mut sums));
+                    }
+                }
+                first => {
+                    sums.met();
+                    for block in surroundings.blocks(first, search.blocks()) {
+                        accumulate(frame, y, block, &mut sums);
+                    }
+                }
+            }
+        }
+        sums.total()
+    }
+}

@@ -1,0 +1,135 @@
+//! Which distributions a point feels.
+
+use super::kernel::{Block, LANES};
+use super::level::Level;
+use super::table::{CellTable, pack};
+
+/// Which distributions around a point count.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum VoxelSearch {
+    /// That of the point's own voxel.
+    Direct1,
+    /// Those of the point's voxel and of the six that share a face with it.
+    #[default]
+    Direct7,
+    /// Those of the point's voxel and of all 26 around it.
+    Direct27,
+    /// Those whose mean is no farther than an edge: what a radius search in a kd-tree of the means gives.
+    Radius,
+}
+
+impl VoxelSearch {
+    /// Offsets of the voxels that are looked at.
+    fn offsets(self) -> impl Iterator<Item = [i32; 3]> {
+        let least = match self {
+            Self::Direct1 => 3,
+            Self::Direct7 => 2,
+            Self::Direct27 | Self::Radius => 0,
+        };
+        let all = (-1..=1).flat_map(|x| (-1..=1).flat_map(move |y| (-1..=1).map(move |z| [x, y, z])));
+        all.filter(move |offset: &[i32; 3]| offset.iter().filter(|&&o| o == 0).count() >= least)
+    }
+
+    /// Blocks that hold them.
+    pub(super) const fn blocks(self) -> usize {
+        match self {
+            Self::Direct1 | Self::Direct7 => 1,
+            Self::Direct27 | Self::Radius => MAX_BLOCKS,
+        }
+    }
+
+    /// Distance beyond which a mean does not count, in edges.
+    pub(super) const fn reach(self) -> f64 {
+        match self {
+            Self::Radius => 1.0,
+            _ => f64::INFINITY,
+        }
+    }
+}
+
+/// Blocks for 27 distributions.
+pub(super) const MAX_BLOCKS: usize = 27_usize.div_ceil(LANES);
+
+/// There is nothing around the voxel.
+pub(super) const NOTHING: u32 = u32::MAX;
+/// The voxel has not been looked at yet.
+pub(super) const UNKNOWN: u32 = u32::MAX - 1;
+
+/// Blocks of the voxels that points have met, made once and kept: points move little between evaluations.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Surroundings {
+    /// Voxel that coordinates are relative to.
+    pub(super) origin: [i32; 3],
+    table: CellTable,
+    blocks: Vec<Block>,
+}
+
+impl Surroundings {
+    /// Forgets all blocks; the memory stays.
+    pub(super) fn clear(&mut self, origin: [i32; 3]) {
+        self.origin = origin;
+        self.table.clear();
+        self.blocks.clear();
+    }
+
+    /// First block of a voxel, by its key from the origin: [`NOTHING`], or [`UNKNOWN`] if it was not made.
+    #[inline]
+    pub(super) fn first_block(&self, key: u64) -> u32 {
+        self.table.get(key).unwrap_or(UNKNOWN)
+    }
+
+    /// The blocks from `first` on.
+    #[inline]
+    pub(super) fn blocks(&self, first: u32, count: usize) -> &[Block] {
+        let first = first as usize;
+        self.blocks.get(first..first + count).unwrap_or_default()
+    }
+
+    /// Makes the blocks of a voxel, given from the origin, if they are not there, and says where they are.
+    pub(super) fn make(&mut self, level: &Level, search: VoxelSearch, cell: [i32; 3], key: u64) -> u32 {
+        let known = self.first_block(key);
+        if known != UNKNOWN {
+            return known;
+        }
+        let mut blocks = [Block::default(); MAX_BLOCKS];
+        let first = if gather(level, search, self.origin, cell, &mut blocks) {
+            let first = self.blocks.len() as u32;
+            self.blocks.extend_from_slice(&blocks[..search.blocks()]);
+            first
+        } else {
+            NOTHING
+        };
+        self.table.get_or_insert(key, first)
+    }
+}
+
+/// Puts the distributions around a voxel, given from the origin, side by side; says whether there are any.
+pub(super) fn gather(
+    level: &Level,
+    search: VoxelSearch,
+    origin: [i32; 3],
+    cell: [i32; 3],
+    blocks: &mut [Block; MAX_BLOCKS],
+) -> bool {
+    let mut found = 0;
+    for offset in search.offsets() {
+        let near = [cell[0] + offset[0], cell[1] + offset[1], cell[2] + offset[2]];
+        let absolute = [0, 1, 2].map(|axis| near[axis].saturating_add(origin[axis]));
+        if pack(absolute).is_none() {
+            continue;
+        }
+        let Some(voxel) = level.get(absolute) else { continue };
+        // 27 at most, so the block exists.
+        let (block, lane) = (&mut blocks[found / LANES], found % LANES);
+        for axis in 0..3 {
+            block.mean[axis][lane] = near[axis] as f32 * level.edge as f32 + voxel.mean[axis];
+        }
+        for (entry, value) in block.information.iter_mut().zip(voxel.information) {
+            entry[lane] = value;
+        }
+        block.weight[lane] = 1.0;
+        found += 1;
+    }
+    found > 0
+}

@@ -1,0 +1,129 @@
+//! Cells of space by their indices: a table of open addresses.
+
+/// Cells to either side of the origin that a packed index holds.
+pub(crate) const REACH: i32 = 1 << 20;
+
+/// Marks a free slot; packed indices use 63 bits.
+const FREE: u64 = u64::MAX;
+
+/// Three cell indices of 21 bits each; `None` out of reach.
+#[inline]
+pub(crate) fn pack(cell: [i32; 3]) -> Option<u64> {
+    let within = cell.iter().all(|index| (-REACH..REACH).contains(index));
+    within.then(|| pack_within(cell))
+}
+
+/// As [`pack`], of a cell that is known to be in reach.
+#[inline]
+pub(crate) fn pack_within([x, y, z]: [i32; 3]) -> u64 {
+    let bits = |index: i32| (index.wrapping_add(REACH) as u32 & 0x1f_ffff) as u64;
+    bits(x) << 42 | bits(y) << 21 | bits(z)
+}
+
+/// The cell below or at a coordinate in cells. The cast rounds towards zero, which is one too many below zero; `floor` itself
+/// is a library call below SSE4.1.
+#[inline]
+pub(crate) fn floor(value: f64) -> i32 {
+    let whole = value as i32;
+    whole.saturating_sub(i32::from(f64::from(whole) > value))
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Slot {
+    key: u64,
+    value: u32,
+}
+
+/// A number for each cell that was entered. The order of the table reaches nobody: who needs an order keeps a list beside it.
+#[derive(Debug, Clone, Default)]
+pub(crate) struct CellTable {
+    slots: Vec<Slot>,
+    len: usize,
+}
+
+impl CellTable {
+    /// Forgets all cells; the memory stays.
+    pub(crate) fn clear(&mut self) {
+        self.slots.fill(Slot { key: FREE, value: 0 });
+        self.len = 0;
+    }
+
+    /// The number of a cell.
+    #[inline]
+    pub(crate) fn get(&self, key: u64) -> Option<u32> {
+        if self.slots.is_empty() {
+            return None;
+        }
+        let slot = self.slots[self.place(key)];
+        (slot.key == key).then_some(slot.value)
+    }
+
+    /// The number of a cell, which is `value` for one that was not there.
+    #[inline]
+    pub(crate) fn get_or_insert(&mut self, key: u64, value: u32) -> u32 {
+        if 2 * (self.len + 1) > self.slots.len() {
+            self.grow();
+        }
+        let place = self.place(key);
+        let slot = &mut self.slots[place];
+        if slot.key == FREE {
+            *slot = Slot { key, value };
+            self.len += 1;
+        }
+        slot.value
+    }
+
+    /// The slot of the key, or the free one where it belongs. There are free slots: at most half are taken.
+    #[inline]
+    fn place(&self, key: u64) -> usize {
+        let mask = self.slots.len() - 1;
+        // Fibonacci hashing (Knuth, vol. 3, section 6.4): the high bits of the product are well mixed.
+        let mut at = (key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) as usize & mask;
+        while self.slots[at].key != key && self.slots[at].key != FREE {
+            at = (at + 1) & mask;
+        }
+        at
+    }
+
+    /// Doubles the table.
+    #[cold]
+    fn grow(&mut self) {
+        let size = (2 * self.slots.len()).max(1 << 10);
+        let before = std::mem::replace(&mut self.slots, vec![Slot { key: FREE, value: 0 }; size]);
+        for slot in before.into_iter().filter(|slot| slot.key != FREE) {
+            let place = self.place(slot.key);
+            self.slots[place] = slot;
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn cells_keep_their_numbers_while_the_table_grows() {
+        let mut table = CellTable::default();
+        assert_eq!(table.get(pack_within([0, 0, 0])), None);
+        let cells = (0..5000_i32).map(|i| [i % 37 - 18, i / 37 - 60, -i]);
+        for (number, cell) in cells.clone().enumerate() {
+            assert_eq!(table.get_or_insert(pack(cell).unwrap(), number as u32), number as u32);
+        }
+        for (number, cell) in cells.clone().enumerate() {
+            assert_eq!(table.get(pack_within(cell)), Some(number as u32));
+            assert_eq!(table.get_or_insert(pack_within(cell), 7), number as u32);
+        }
+        table.clear();
+        assert!(cells.into_iter().all(|cell| table.get(pack_within(cell)).is_none()));
+    }
+
+    #[test]
+    fn cells_out_of_reach_have_no_key_and_floors_are_floors() {
+        assert!(pack([REACH - 1, -REACH, 0]).is_some());
+        assert!(pack([REACH, 0, 0]).is_none() && pack([0, -REACH - 1, 0]).is_none() && pack([0, 0, i32::MAX]).is_none());
+        for value in [-1.0, -0.999, -1e-9, 0.0, 0.3, 1.0, 1.999, -7.5] {
+            assert_eq!(floor(value), value.floor() as i32, "{value}");
+        }
+        assert_eq!((floor(1e300), floor(-1e300)), (i32::MAX, i32::MIN));
+    }
+}

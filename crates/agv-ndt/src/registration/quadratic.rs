@@ -1,0 +1,115 @@
+//! The cost of a pose to second order: what every factor adds to, and every optimiser steps by.
+//!
+//! A factor says how its cost changes when its point moves: value `f`, gradient `g` and Hessian `H` with respect to the point `x`
+//! in the target frame. The rest is the same for all of them. With the pose `(R, t)`, the point `p` of the source, `y = R p` and
+//! `x = y + t`, a right increment `(ρ, θ)` moves the point by (Solà et al., Eq. 182, in target axes `ρ' = R ρ`, `θ' = R θ`)
+//!
+//! ```text
+//! δx = ρ' + θ' × y + ½ θ' × (ρ' + θ' × y) + ...
+//! ```
+//!
+//! so that sums over the points of `g`, `y × g`, `H` and its products with `y` make the gradient and the Hessian, and the frame is
+//! turned once at the end.
+
+use agv_core::geometry::Se3;
+use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
+
+/// A cost near a pose: `cost + gradientᵀ δ + ½ δᵀ hessian δ` for the right increment `δ`, translation first.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Quadratic {
+    /// The cost at the pose.
+    pub cost: f64,
+    /// Its gradient.
+    pub gradient: Vector6<f64>,
+    /// Its Hessian, or what the factors take for it.
+    pub hessian: Matrix6<f64>,
+    /// Points that met the target.
+    pub matches: usize,
+}
+
+/// Number of sums.
+pub(crate) const SUMS: usize = 28;
+
+/// Sums over points, in target axes: cost; `Σ g`; `Σ y × g`; `Σ H` as xx, xy, xz, yy, yz, zz; `Σ H J` row by row with
+/// `J = -[y]×`; `Σ JᵀHJ` and the curvature of rotation as xx, xy, xz, yy, yz, zz.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct MotionSums {
+    pub(crate) sums: [f64; SUMS],
+    pub(crate) matches: usize,
+}
+
+impl Default for MotionSums {
+    fn default() -> Self {
+        Self { sums: [0.0; SUMS], matches: 0 }
+    }
+}
+
+/// How a factor's cost changes with its point.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PointDerivatives {
+    /// The cost.
+    pub cost: f64,
+    /// Gradient with respect to the point in the target frame.
+    pub gradient: Vector3<f64>,
+    /// Hessian with respect to the point in the target frame, symmetric.
+    pub hessian: Matrix3<f64>,
+    /// Share of the curvature that the rotation adds to the Hessian: 1 for the whole of it (Newton), 0 for none (Gauss–Newton).
+    pub curvature: f64,
+}
+
+impl MotionSums {
+    /// Adds a point at `y = R p`.
+    pub(crate) fn add(&mut self, y: &Vector3<f64>, point: &PointDerivatives) {
+        let (g, h) = (&point.gradient, &point.hessian);
+        let torque = y.cross(g);
+        let jacobian = -skew(y);
+        let cross = h * jacobian;
+        let bend = (y * g.transpose() + g * y.transpose()) * 0.5 - Matrix3::identity() * y.dot(g);
+        let turn = jacobian.transpose() * cross + bend * point.curvature;
+        let terms = [
+            point.cost, g.x, g.y, g.z, torque.x, torque.y, torque.z, h.m11, h.m12, h.m13, h.m22, h.m23, h.m33, cross.m11,
+            cross.m12, cross.m13, cross.m21, cross.m22, cross.m23, cross.m31, cross.m32, cross.m33, turn.m11, turn.m12,
+            turn.m13, turn.m22, turn.m23, turn.m33,
+        ];
+        for (sum, term) in self.sums.iter_mut().zip(terms) {
+            *sum += term;
+        }
+        self.matches += 1;
+    }
+
+    /// Both together.
+    #[must_use]
+    pub(crate) fn merged(mut self, other: Self) -> Self {
+        for (sum, term) in self.sums.iter_mut().zip(other.sums) {
+            *sum += term;
+        }
+        self.matches += other.matches;
+        self
+    }
+
+    /// The cost to second order at `pose`; `curvature` is that of the points.
+    pub(crate) fn quadratic(&self, pose: &Se3, curvature: f64) -> Quadratic {
+        let s = &self.sums;
+        let symmetric =
+            |i: usize| Matrix3::new(s[i], s[i + 1], s[i + 2], s[i + 1], s[i + 3], s[i + 4], s[i + 2], s[i + 4], s[i + 5]);
+        let (force, torque) = (Vector3::new(s[1], s[2], s[3]), Vector3::new(s[4], s[5], s[6]));
+        let cross = Matrix3::from_row_slice(&s[13..22]) + skew(&force) * (0.5 * curvature);
+        let to_source = pose.rotation().matrix().transpose();
+        let turned = |block: Matrix3<f64>| to_source * block * to_source.transpose();
+        let (force, torque) = (to_source * force, to_source * torque);
+        let (line, cross, turn) = (turned(symmetric(7)), turned(cross), turned(symmetric(22)));
+        let mut hessian = Matrix6::zeros();
+        hessian.fixed_view_mut::<3, 3>(0, 0).copy_from(&line);
+        hessian.fixed_view_mut::<3, 3>(0, 3).copy_from(&cross);
+        hessian.fixed_view_mut::<3, 3>(3, 0).copy_from(&cross.transpose());
+        hessian.fixed_view_mut::<3, 3>(3, 3).copy_from(&turn);
+        let hessian = (hessian + hessian.transpose()) * 0.5;
+        let gradient = Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z);
+        Quadratic { cost: s[0], gradient, hessian, matches: self.matches }
+    }
+}
+
+/// The matrix of the cross product.
+pub(crate) fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
+    Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
+}
