@@ -150,12 +150,67 @@ pub struct Gaussian3 {
     pub information: Matrix3<f64>,
 }
 
-/// Covariance and its inverse with eigenvalues raised to `ratio` of the greatest and to `least`; and the greatest.
-pub(crate) fn regularized(covariance: &Matrix3<f64>, ratio: f64, least: f64) -> (Matrix3<f64>, Matrix3<f64>, f64) {
-    let eigen = SymmetricEigen::new(covariance);
-    let greatest = eigen.values[2].max(least);
-    let values = eigen.values.map(|value| value.max(ratio * greatest).max(least));
-    (eigen.with_values(&values), eigen.with_values(&values.map(f64::recip)), greatest)
+/// The covariance with eigenvalues raised to `ratio` of the greatest and to `least`, and its inverse.
+///
+/// Eigenvalues by the trigonometric formula (Smith 1961). Only the direction that is raised, or the one that is not, is needed as
+/// a vector, and a cross product gives it; where two eigenvalues are too close for that, Jacobi's rotations do.
+pub(crate) fn regularized(covariance: &Matrix3<f64>, ratio: f64, least: f64) -> (Matrix3<f64>, Matrix3<f64>) {
+    let [low, middle, high] = eigenvalues(covariance);
+    let limit = (ratio * high).max(least);
+    let raised = if low >= limit {
+        Some(*covariance)
+    } else if middle >= limit {
+        // A surface: its normal is raised.
+        direction(covariance, low, high).map(|n| covariance + n * n.transpose() * (limit - low))
+    } else if high > limit {
+        // A pole: all but its axis are raised.
+        direction(covariance, high, high).map(|n| Matrix3::identity() * limit + n * n.transpose() * (high - limit))
+    } else {
+        Some(Matrix3::identity() * limit)
+    };
+    let raised = raised.unwrap_or_else(|| {
+        let eigen = SymmetricEigen::new(covariance);
+        eigen.with_values(&eigen.values.map(|value| value.max(limit)))
+    });
+    (raised, inverse(&raised))
+}
+
+/// Eigenvalues of a symmetric matrix, from the least to the greatest.
+fn eigenvalues(m: &Matrix3<f64>) -> [f64; 3] {
+    let mean = m.trace() / 3.0;
+    let (a, b, c) = (m.m11 - mean, m.m22 - mean, m.m33 - mean);
+    let off = m.m21 * m.m21 + m.m31 * m.m31 + m.m32 * m.m32;
+    let p = ((a * a + b * b + c * c + 2.0 * off) / 6.0).sqrt();
+    if p <= 0.0 {
+        return [mean; 3];
+    }
+    let determinant =
+        a * (b * c - m.m32 * m.m32) - m.m21 * (m.m21 * c - m.m32 * m.m31) + m.m31 * (m.m21 * m.m32 - b * m.m31);
+    let angle = (determinant / (2.0 * p * p * p)).clamp(-1.0, 1.0).acos() / 3.0;
+    let (sin, cos) = angle.sin_cos();
+    // cos(angle + 2π/3), without a second call.
+    let (high, low) = (mean + 2.0 * p * cos, mean - p * (cos + 3.0_f64.sqrt() * sin));
+    [low, 3.0 * mean - high - low, high]
+}
+
+/// Unit eigenvector of the eigenvalue: the longest cross product of two rows of `m - value I`. `None` if another eigenvalue is so
+/// close, compared with the greatest, that the direction would be rounding.
+fn direction(m: &Matrix3<f64>, value: f64, greatest: f64) -> Option<Vector3<f64>> {
+    let shifted = m - Matrix3::identity() * value;
+    let (a, b, c) = (shifted.column(0), shifted.column(1), shifted.column(2));
+    let candidates = [a.cross(&b), a.cross(&c), b.cross(&c)];
+    let longest = candidates.iter().max_by(|a, b| a.norm_squared().total_cmp(&b.norm_squared()))?;
+    let norm = longest.norm();
+    (norm > 1e-6 * greatest * greatest).then(|| longest / norm)
+}
+
+/// Inverse of a symmetric, well conditioned matrix.
+fn inverse(m: &Matrix3<f64>) -> Matrix3<f64> {
+    let (xx, xy, xz) =
+        (m.m22 * m.m33 - m.m32 * m.m32, m.m31 * m.m32 - m.m21 * m.m33, m.m21 * m.m32 - m.m31 * m.m22);
+    let (yy, yz, zz) =
+        (m.m11 * m.m33 - m.m31 * m.m31, m.m21 * m.m31 - m.m11 * m.m32, m.m11 * m.m22 - m.m21 * m.m21);
+    Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) / (m.m11 * xx + m.m21 * xy + m.m31 * xz)
 }
 
 #[cfg(feature = "serde")]
@@ -173,5 +228,91 @@ impl VoxelSums {
             check::covariance("scatter of a voxel", &scatter)?;
         }
         Ok(())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn sums(points: &[[u32; 3]]) -> VoxelSums {
+        let mut sums = VoxelSums::default();
+        points.iter().for_each(|&point| sums.add(point));
+        sums
+    }
+
+    fn points() -> impl Strategy<Value = Vec<[u32; 3]>> {
+        prop::collection::vec(prop::array::uniform3(0..65_536_u32), 4..40)
+    }
+
+    proptest! {
+        #[test]
+        fn moments_are_those_of_the_points(points in points()) {
+            let (mean, scatter) = sums(&points).moments().unwrap();
+            let points: Vec<_> = points.iter().map(|p| Vector3::from(p.map(|v| (f64::from(v) + 0.5) / STEPS))).collect();
+            let expected = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
+            prop_assert!((mean - expected).norm() < 1e-12);
+            let expected: Matrix3<f64> = points.iter().map(|p| (p - mean) * (p - mean).transpose()).sum();
+            prop_assert!((scatter - expected).norm() < 1e-9);
+        }
+
+        /// Sums of eight voxels, each from its own corner, are those of one voxel of twice the edge.
+        #[test]
+        fn shifted_sums_are_those_from_the_common_corner(points in points(), shift in prop::array::uniform3(0..4_u64)) {
+            let moved: Vec<_> = points.iter().map(|p| [0, 1, 2].map(|i| p[i] + shift[i] as u32 * 65_536)).collect();
+            prop_assert_eq!(sums(&points).shifted(shift), sums(&moved));
+        }
+
+        #[test]
+        fn merging_adds_in_any_order(a in points(), b in points()) {
+            let (mut ab, mut ba) = (sums(&a), sums(&b));
+            ab.merge(&sums(&b));
+            ba.merge(&sums(&a));
+            prop_assert_eq!(ab, ba);
+            prop_assert_eq!(ab, sums(&[a, b].concat()));
+        }
+
+        /// The quick way is that of the eigenvalues and vectors, for surfaces, poles, dots and volumes.
+        #[test]
+        fn raised_eigenvalues_are_those_of_the_definition(
+            turn in prop::array::uniform3(-3.0..3.0_f64), scales in prop::array::uniform3(-9.0..0.0_f64), ratio in 0.001..0.5_f64,
+        ) {
+            let rotation = nalgebra::Rotation3::new(Vector3::from(turn)).into_inner();
+            let matrix = rotation * Matrix3::from_diagonal(&Vector3::from(scales.map(|s| 10_f64.powf(s)))) * rotation.transpose();
+            let matrix = (matrix + matrix.transpose()) * 0.5;
+            let (raised, information) = regularized(&matrix, ratio, 1e-5);
+            let eigen = SymmetricEigen::new(&matrix);
+            let limit = (ratio * eigen.values[2]).max(1e-5);
+            let expected = eigen.with_values(&eigen.values.map(|value| value.max(limit)));
+            prop_assert!((raised - expected).norm() < 1e-6 * expected.norm(), "{} {}", raised, expected);
+            prop_assert!((raised * information - Matrix3::identity()).norm() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn degenerate_covariances_become_the_least_one() {
+        for matrix in [Matrix3::zeros(), Matrix3::identity() * 1e-12] {
+            assert!((regularized(&matrix, 0.01, 1e-4).0 - Matrix3::identity() * 1e-4).norm() < 1e-9);
+        }
+        assert_eq!(VoxelSums::default().moments(), None);
+    }
+
+    #[test]
+    fn bad_parameters_are_named() {
+        let good = VoxelParams::default();
+        assert_eq!(good.validate(), Ok(()));
+        for bad in [
+            VoxelParams { resolution: 0.0, ..good },
+            VoxelParams { resolution: f64::NAN, ..good },
+            VoxelParams { resolution: 1e9, ..good },
+            VoxelParams { min_points: 2, ..good },
+            VoxelParams { min_eigenvalue_ratio: 0.0, ..good },
+            VoxelParams { min_eigenvalue_ratio: 1.1, ..good },
+            VoxelParams { min_sigma: 0.0, ..good },
+            VoxelParams { min_sigma: f64::INFINITY, ..good },
+        ] {
+            assert!(bad.validate().is_err(), "{bad:?}");
+        }
     }
 }

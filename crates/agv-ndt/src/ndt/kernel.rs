@@ -74,6 +74,27 @@ impl Frame {
             reach_squared: (reach * reach) as f32,
         }
     }
+
+    /// The likelihood, from 0 to 1, of a squared Mahalanobis distance.
+    pub(crate) fn likelihood(&self, distance: f32) -> f32 {
+        exp2(self.exponent * distance)
+    }
+
+    /// Squared Mahalanobis distances of a turned point to the distributions of a block; infinite where one does not count.
+    #[inline(always)]
+    pub(crate) fn distances(&self, [yx, yy, yz]: [f32; 3], block: &Block) -> Lane {
+        let [px, py, pz] = [yx + self.translation[0], yy + self.translation[1], yz + self.translation[2]];
+        let [xx, xy, xz, yy, yz, zz] = &block.information;
+        let mut out = [0.0; LANES];
+        for l in 0..LANES {
+            let (dx, dy, dz) = (px - block.mean[0][l], py - block.mean[1][l], pz - block.mean[2][l]);
+            let (qx, qy) = (xx[l] * dx + xy[l] * dy + xz[l] * dz, xy[l] * dx + yy[l] * dy + yz[l] * dz);
+            let qz = xz[l] * dx + yz[l] * dy + zz[l] * dz;
+            let counts = block.weight[l] > 0.0 && dx * dx + dy * dy + dz * dz <= self.reach_squared;
+            out[l] = if counts { dx * qx + dy * qy + dz * qz } else { f32::INFINITY };
+        }
+        out
+    }
 }
 
 /// A chunk of points turned into the target's axes, and their voxels from the frame's origin.

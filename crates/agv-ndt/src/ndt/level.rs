@@ -12,9 +12,6 @@ pub(crate) struct Voxel {
     pub(crate) mean: [f32; 3],
     /// Inverse covariance: xx, xy, xz, yy, yz, zz.
     pub(crate) information: [f32; 6],
-    pub(crate) cell: [i32; 3],
-    /// Inverse of the greatest eigenvalue of the covariance.
-    pub(crate) least_information: f32,
 }
 
 /// All distributions of one voxel size.
@@ -22,7 +19,7 @@ pub(crate) struct Voxel {
 pub(crate) struct Level {
     pub(crate) edge: f64,
     table: CellTable,
-    pub(crate) voxels: Vec<Voxel>,
+    voxels: Vec<Voxel>,
     /// Buffers of the merge.
     merged: CellTable,
     cells: Vec<[i32; 3]>,
@@ -77,7 +74,5 @@ fn push(table: &mut CellTable, voxels: &mut Vec<Voxel>, map: &NdtMap, cell: [i32
     voxels.push(Voxel {
         mean: [moments.mean.x as f32, moments.mean.y as f32, moments.mean.z as f32],
         information: [i.m11, i.m12, i.m13, i.m22, i.m23, i.m33].map(|entry| entry as f32),
-        cell,
-        least_information: (1.0 / moments.greatest) as f32,
     });
 }

@@ -206,9 +206,9 @@ impl NdtMap {
         }
         let (mean, scatter) = sums.moments()?;
         let raw = scatter * (unit * unit / (f64::from(sums.count()) - 1.0));
-        let (covariance, information, greatest) =
+        let (covariance, information) =
             regularized(&raw, self.params.min_eigenvalue_ratio, self.params.min_sigma.powi(2));
-        Some(Moments { mean: mean * unit, covariance, information, greatest })
+        Some(Moments { mean: mean * unit, covariance, information })
     }
 
     /// Place of the voxel in the lists; a new one without points if it was not there. `None` out of reach.
@@ -234,7 +234,5 @@ pub(super) struct Moments {
     pub(super) mean: Vector3<f64>,
     pub(super) covariance: Matrix3<f64>,
     pub(super) information: Matrix3<f64>,
-    /// Greatest eigenvalue of the covariance.
-    pub(super) greatest: f64,
 }
 

@@ -1,17 +1,20 @@
 //! The normal distributions transform.
 
 mod eigen;
+mod fit;
 mod gaussian;
 mod kernel;
 mod level;
 mod map;
 mod mixture;
 mod objective;
+mod params;
 mod registration;
 mod search;
 mod table;
 
 pub use gaussian::{Gaussian3, VoxelParams, VoxelSums};
 pub use map::NdtMap;
-pub use registration::{NdtParams, NdtRegistration};
+pub use params::NdtParams;
+pub use registration::{NdtRegistration, NdtReport};
 pub use search::VoxelSearch;

@@ -4,7 +4,7 @@ use super::kernel::{Block, Frame, LaneSums, Moved, accumulate, turn};
 use super::level::Level;
 use super::mixture::Mixture;
 use super::search::{MAX_BLOCKS, NOTHING, Surroundings, UNKNOWN, VoxelSearch, gather};
-use super::table::{floor, pack};
+use super::table::{floor, pack, unpack};
 use crate::registration::{Objective, Quadratic, quadratic::MotionSums};
 use agv_core::{
     compute::{CHUNK, Par},
@@ -53,6 +53,10 @@ impl SourcePoints {
 
     pub(super) fn point(&self, index: usize) -> Vector3<f32> {
         Vector3::new(self.x[index], self.y[index], self.z[index])
+    }
+
+    pub(super) fn coordinates(&self) -> [&[f32]; 3] {
+        [&self.x, &self.y, &self.z]
     }
 
     fn clear(&mut self) {
@@ -111,7 +115,18 @@ impl ScoreObjective<'_> {
         }
     }
 
-    fn frame(&self, pose: &Se3) -> Frame {
+    /// Makes the blocks of voxels that points have come to since.
+    #[cold]
+    fn look_again(&mut self) {
+        let source = &mut *self.source;
+        for (&key, block) in source.key.iter().zip(&mut source.block).filter(|(_, block)| **block == UNKNOWN) {
+            if key != NO_KEY {
+                *block = self.surroundings.make(self.level, self.search, unpack(key), key);
+            }
+        }
+    }
+
+    pub(super) fn frame(&self, pose: &Se3) -> Frame {
         let origin = Vector3::from(self.surroundings.origin.map(f64::from)) * self.level.edge;
         let reach = self.search.reach() * self.level.edge;
         Frame::new(pose, &origin, self.level.edge, &self.mixture, self.curvature, reach)
@@ -123,19 +138,26 @@ impl Objective for ScoreObjective<'_> {
         let frame = self.frame(pose);
         let (level, surroundings, search, arch) = (self.level, &*self.surroundings, self.search, self.arch);
         let source = &mut *self.source;
-        let points = (source.x.as_slice(), source.y.as_slice(), source.z.as_slice());
-        let data = (points, source.key.as_mut_slice(), source.block.as_mut_slice());
+        let (x, y, z) = (source.x.as_slice(), source.y.as_slice(), source.z.as_slice());
         let sums = self.par.map_reduce_chunks(
-            (data.0.0, data.0.1, data.0.2, data.1, data.2),
+            (x, y, z, source.key.as_mut_slice(), source.block.as_mut_slice()),
             CHUNK,
             |_, (x, y, z, keys, blocks)| {
                 arch.dispatch(Chunk { frame: &frame, level, surroundings, search, points: [x, y, z], keys, blocks })
             },
-            MotionSums::merged,
+            |(a, unknown), (b, more)| (a.merged(b), unknown + more),
         );
-        sums.unwrap_or_default().quadratic(pose, self.curvature)
+        let (sums, unknown) = sums.unwrap_or_default();
+        // A few points that strayed are looked around for by themselves, each time.
+        if unknown * MAX_UNKNOWN > self.source.len() {
+            self.look_again();
+        }
+        sums.quadratic(pose, self.curvature)
     }
 }
+
+/// Blocks are made for all if more than one point in so many has none.
+const MAX_UNKNOWN: usize = 64;
 
 /// One chunk of an evaluation.
 struct Chunk<'a> {
@@ -149,12 +171,12 @@ struct Chunk<'a> {
 }
 
 impl pulp::NullaryFnOnce for Chunk<'_> {
-    type Output = MotionSums;
+    type Output = (MotionSums, usize);
 
     #[inline(always)]
-    fn call(self) -> MotionSums {
+    fn call(self) -> (MotionSums, usize) {
         let Self { frame, level, surroundings, search, points, keys, blocks } = self;
-        let (mut moved, mut sums) = (Moved::new(), LaneSums::new());
+        let (mut moved, mut sums, mut unknown) = (Moved::new(), LaneSums::new(), 0);
         turn(frame, points, &mut moved);
         for (i, (key, block)) in keys.iter_mut().zip(blocks).enumerate() {
             let cell = [moved.cell[0][i], moved.cell[1][i], moved.cell[2][i]];
@@ -167,6 +189,7 @@ impl pulp::NullaryFnOnce for Chunk<'_> {
                 NOTHING => {}
                 UNKNOWN => {
                     // Not seen from where the search began: made for this point alone.
+                    unknown += 1;
                     let mut own = [Block::default(); MAX_BLOCKS];
                     if gather(level, search, surroundings.origin, cell, &mut own) {
                         sums.met();
@@ -181,6 +204,6 @@ impl pulp::NullaryFnOnce for Chunk<'_> {
                 }
             }
         }
-        sums.total()
+        (sums.total(), unknown)
     }
 }

@@ -21,14 +21,12 @@ pub enum VoxelSearch {
 
 impl VoxelSearch {
     /// Offsets of the voxels that are looked at.
-    fn offsets(self) -> impl Iterator<Item = [i32; 3]> {
-        let least = match self {
-            Self::Direct1 => 3,
-            Self::Direct7 => 2,
-            Self::Direct27 | Self::Radius => 0,
-        };
-        let all = (-1..=1).flat_map(|x| (-1..=1).flat_map(move |y| (-1..=1).map(move |z| [x, y, z])));
-        all.filter(move |offset: &[i32; 3]| offset.iter().filter(|&&o| o == 0).count() >= least)
+    fn offsets(self) -> &'static [[i32; 3]] {
+        match self {
+            Self::Direct1 => &OFFSETS[..1],
+            Self::Direct7 => &OFFSETS[..7],
+            Self::Direct27 | Self::Radius => &OFFSETS,
+        }
     }
 
     /// Blocks that hold them.
@@ -47,6 +45,16 @@ impl VoxelSearch {
         }
     }
 }
+
+/// The voxel itself, those that share a face, an edge, and a corner with it.
+#[rustfmt::skip]
+const OFFSETS: [[i32; 3]; 27] = [
+    [0, 0, 0],
+    [-1, 0, 0], [1, 0, 0], [0, -1, 0], [0, 1, 0], [0, 0, -1], [0, 0, 1],
+    [-1, -1, 0], [-1, 1, 0], [1, -1, 0], [1, 1, 0], [-1, 0, -1], [-1, 0, 1],
+    [1, 0, -1], [1, 0, 1], [0, -1, -1], [0, -1, 1], [0, 1, -1], [0, 1, 1],
+    [-1, -1, -1], [-1, -1, 1], [-1, 1, -1], [-1, 1, 1], [1, -1, -1], [1, -1, 1], [1, 1, -1], [1, 1, 1],
+];
 
 /// Blocks for 27 distributions.
 pub(super) const MAX_BLOCKS: usize = 27_usize.div_ceil(LANES);

@@ -20,6 +20,12 @@ pub(crate) fn pack_within([x, y, z]: [i32; 3]) -> u64 {
     bits(x) << 42 | bits(y) << 21 | bits(z)
 }
 
+/// The cell of a key.
+#[inline]
+pub(crate) fn unpack(key: u64) -> [i32; 3] {
+    [key >> 42, key >> 21, key].map(|bits| (bits & 0x1f_ffff) as i32 - REACH)
+}
+
 /// The cell below or at a coordinate in cells. The cast rounds towards zero, which is one too many below zero; `floor` itself
 /// is a library call below SSE4.1.
 #[inline]
@@ -110,6 +116,7 @@ mod tests {
             assert_eq!(table.get_or_insert(pack(cell).unwrap(), number as u32), number as u32);
         }
         for (number, cell) in cells.clone().enumerate() {
+            assert_eq!(unpack(pack_within(cell)), cell);
             assert_eq!(table.get(pack_within(cell)), Some(number as u32));
             assert_eq!(table.get_or_insert(pack_within(cell), 7), number as u32);
         }

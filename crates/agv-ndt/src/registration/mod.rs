@@ -5,13 +5,23 @@
 //! | [`PointDerivatives`] | what a factor says of one point |
 //! | [`Quadratic`] | what they add up to at a pose |
 //! | [`Objective`] | a cost over poses |
-//! | [`LevenbergMarquardt`] | walks downhill |
+//! | [`Freedom`] | what of the pose may change |
+//! | [`Optimizer`] | walks downhill: in damped steps, or by [`MoreThuente`]'s line search |
+//! | [`Descent`] | where that ended, and why |
 
+mod descent;
+mod freedom;
+mod more_thuente;
+mod newton;
+mod optimizer;
 pub(crate) mod quadratic;
 mod trust_region;
 
+pub use descent::{Descent, DescentParams};
+pub use freedom::Freedom;
+pub use more_thuente::{LinePoint, LineSearchEnd, LineSearchParams, MoreThuente};
+pub use optimizer::Optimizer;
 pub use quadratic::{PointDerivatives, Quadratic};
-pub use trust_region::{Descent, DescentParams, LevenbergMarquardt};
 
 use agv_core::geometry::Se3;
 

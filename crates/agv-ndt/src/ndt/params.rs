@@ -1,0 +1,63 @@
+//! What a registration by normal distributions may be told.
+
+use super::{gaussian::VoxelParams, search::VoxelSearch};
+use crate::registration::{DescentParams, Freedom, Optimizer};
+use agv_core::{Error, check};
+
+/// Parameters of [`NdtRegistration`](super::NdtRegistration).
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct NdtParams {
+    /// Voxels of the finest level, and how they become distributions.
+    pub voxels: VoxelParams,
+    /// Levels before the finest, each of voxels twice as large: 0 to 6.
+    pub coarse_levels: u32,
+    /// Which distributions a point feels.
+    pub search: VoxelSearch,
+    /// Share of points that meet no distribution's surface, in the mixture's uniform part: 0.001 to 0.999.
+    pub outlier_ratio: f64,
+    /// What of the pose may change.
+    pub freedom: Freedom,
+    /// Whether directions that the source does not fix at the guess stay as the guess has them.
+    pub hold_unobserved: bool,
+    /// How the score is climbed.
+    pub optimizer: Optimizer,
+    /// When to stop, on the finest level.
+    pub descent: DescentParams,
+    /// Share of inliers below which a result is [`PoorFit`](agv_core::roles::Termination::PoorFit).
+    pub min_inlier_ratio: f64,
+    /// Share of the points that must face a direction for it to be observed.
+    pub min_facing_share: f64,
+}
+
+impl Default for NdtParams {
+    /// Two coarse levels (4 m and 2 m), from which every guess within 1 m and 10° was found on the pairs that were tried. A share of
+    /// outliers of 0.3 and not PCL's 0.55: the score is sharper, and was closer to the reference on each of seven pairs.
+    fn default() -> Self {
+        Self {
+            voxels: VoxelParams::default(),
+            coarse_levels: 2,
+            search: VoxelSearch::Direct7,
+            outlier_ratio: 0.3,
+            freedom: Freedom::Full,
+            hold_unobserved: false,
+            optimizer: Optimizer::TrustRegion,
+            descent: DescentParams::default(),
+            min_inlier_ratio: 0.5,
+            min_facing_share: 0.01,
+        }
+    }
+}
+
+impl NdtParams {
+    pub(super) fn validate(&self) -> Result<(), Error> {
+        self.voxels.validate()?;
+        self.descent.validate()?;
+        check::in_range("coarse_levels", f64::from(self.coarse_levels), 0.0, 6.0)?;
+        check::in_range("outlier_ratio", self.outlier_ratio, 0.001, 0.999)?;
+        check::in_range("min_inlier_ratio", self.min_inlier_ratio, 0.0, 1.0)?;
+        check::positive("min_facing_share", self.min_facing_share)?;
+        check::in_range("min_facing_share", self.min_facing_share, 0.0, 1.0)?;
+        Ok(())
+    }
+}
