@@ -69,7 +69,8 @@ pub fn parse(input: &Input) -> Result<Vec<Pair>, Error> {
 fn pose(values: &[f64; 16]) -> Option<Se3> {
     let [a, b, c, x, d, e, f, y, g, h, i, z, last @ ..] = *values;
     let rotation = Matrix3::new(a, b, c, d, e, f, g, h, i);
-    let rigid = (rotation * rotation.transpose() - Matrix3::identity()).norm() < ROUNDING && rotation.determinant() > 0.0;
+    let rigid =
+        (rotation * rotation.transpose() - Matrix3::identity()).norm() < ROUNDING && rotation.determinant() > 0.0;
     let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(rotation));
     (rigid && last == [0.0, 0.0, 0.0, 1.0]).then(|| Se3::from_parts(Vector3::new(x, y, z), rotation.into()))
 }

@@ -6,8 +6,8 @@
 //! Which directions are fixed is a question of surfaces: a distribution in a wall pulls along the wall too, towards the middle
 //! of its voxel, and so the Hessian of a long corridor seems to know the place along it. Each point therefore counts with its
 //! distribution's information relative to its trace, squared: a surface counts its normal once, and what is ten times as wide
-//! counts a hundredth. The eigenvalues of the sum over the points, rotations at the points' mean distance, are shares of
-//! the points that face each direction (Zhang, Kaess and Singh 2016 with a threshold without unit).
+//! counts a hundredth. The eigenvalues of the sum over the points, rotations at an arm of 2 m or the points' mean distance, are
+//! shares of the points that face each direction (Zhang, Kaess and Singh 2016 with a threshold without unit).
 
 use super::kernel::{Block, Frame, LANES, Moved, turn};
 use super::objective::ScoreObjective;
@@ -25,6 +25,10 @@ const INLIER: f32 = 7.815;
 
 /// Points between those whose directions are summed up: shares need no more.
 const STRIDE: usize = 4;
+
+/// Longest arm, in metres, at which rotations are compared with translations: a corridor's walls hold the roll, though nearly all of
+/// its points are far ahead.
+const ARM: f64 = 2.0;
 
 /// What a pose explains.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,15 +75,17 @@ impl ScoreObjective<'_> {
                 let range = chunk * CHUNK..x.len().min((chunk + 1) * CHUNK);
                 let mut moved = Moved::new();
                 let points = [&x[range.clone()], &y[range.clone()], &z[range.clone()]];
-                self.arch.dispatch(#[inline(always)] || turn(&frame, points, &mut moved));
+                self.arch.dispatch(
+                    #[inline(always)]
+                    || turn(&frame, points, &mut moved),
+                );
                 self.fit_chunk(&frame, &moved, range.len())
             },
             FitSums::merged,
         );
         let sums = sums.unwrap_or_default();
         let counted = sums.shares.matches.max(1) as f64;
-        // Rotations are compared with translations at the points' mean distance.
-        let radius = (sums.squared_distance / counted).sqrt().max(1e-3);
+        let radius = (sums.squared_distance / counted).sqrt().clamp(1e-3, ARM);
         let shares = sums.shares.quadratic(pose, 0.0).hessian / (counted * min_share);
         let fixed = (Matrix6::identity() - free) * (10.0 + shares.trace());
         let shares = free * shares * free + (fixed + fixed.transpose()) * 0.5;

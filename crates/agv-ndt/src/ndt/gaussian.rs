@@ -1,6 +1,6 @@
 //! The points of a voxel as a normal distribution.
 //!
-//! Magnusson, *The three-dimensional normal distributions transform* (PhD thesis, Örebro 2009), section 6.1: the points `p_i` of
+//! Magnusson, *The three-dimensional normal distributions transform* (thesis, Örebro 2009), section 6.1: the points `p_i` of
 //! a voxel give
 //!
 //! ```text
@@ -206,10 +206,8 @@ fn direction(m: &Matrix3<f64>, value: f64, greatest: f64) -> Option<Vector3<f64>
 
 /// Inverse of a symmetric, well conditioned matrix.
 fn inverse(m: &Matrix3<f64>) -> Matrix3<f64> {
-    let (xx, xy, xz) =
-        (m.m22 * m.m33 - m.m32 * m.m32, m.m31 * m.m32 - m.m21 * m.m33, m.m21 * m.m32 - m.m31 * m.m22);
-    let (yy, yz, zz) =
-        (m.m11 * m.m33 - m.m31 * m.m31, m.m21 * m.m31 - m.m11 * m.m32, m.m11 * m.m22 - m.m21 * m.m21);
+    let (xx, xy, xz) = (m.m22 * m.m33 - m.m32 * m.m32, m.m31 * m.m32 - m.m21 * m.m33, m.m21 * m.m32 - m.m31 * m.m22);
+    let (yy, yz, zz) = (m.m11 * m.m33 - m.m31 * m.m31, m.m21 * m.m31 - m.m11 * m.m32, m.m11 * m.m22 - m.m21 * m.m21);
     Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) / (m.m11 * xx + m.m21 * xy + m.m31 * xz)
 }
 
@@ -238,7 +236,9 @@ mod tests {
 
     fn sums(points: &[[u32; 3]]) -> VoxelSums {
         let mut sums = VoxelSums::default();
-        points.iter().for_each(|&point| sums.add(point));
+        for &point in points {
+            sums.add(point);
+        }
         sums
     }
 

@@ -11,7 +11,10 @@
 //! with `κ = 1` for Newton's Hessian and 0 for the positive definite one of Gauss and Newton. The distributions around a voxel lie
 //! side by side in a [`Block`], so that a point costs one load per coefficient and no gather. Sums are kept per lane, and lanes are
 //! added in `f64` in a fixed order after each chunk: the bits are the same for every instruction set.
-#![expect(clippy::inline_always, reason = "what is dispatched has to be inlined to be compiled for the instruction set")]
+#![expect(
+    clippy::inline_always,
+    reason = "what is dispatched has to be inlined to be compiled for the instruction set"
+)]
 #![expect(clippy::needless_range_loop, reason = "plain loops over lanes are what vectorises")]
 
 use super::mixture::Mixture;
@@ -179,11 +182,7 @@ pub(crate) fn accumulate(frame: &Frame, y: [f32; 3], block: &Block, sums: &mut L
             block.information[4][l],
             block.information[5][l],
         ];
-        let (qx, qy, qz) = (
-            xx * dx + xy * dy + xz * dz,
-            xy * dx + yy_ * dy + yz_ * dz,
-            xz * dx + yz_ * dy + zz * dz,
-        );
+        let (qx, qy, qz) = (xx * dx + xy * dy + xz * dz, xy * dx + yy_ * dy + yz_ * dz, xz * dx + yz_ * dy + zz * dz);
         let mahalanobis = dx * qx + dy * qy + dz * qz;
         let near = dx * dx + dy * dy + dz * dz <= frame.reach_squared;
         let weight = if near { block.weight[l] } else { 0.0 };

@@ -28,7 +28,11 @@ use nalgebra::{Matrix3, Vector3};
 /// # Ok::<(), Box<dyn std::error::Error>>(())
 /// ```
 #[derive(Debug, Clone)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "RawMap", into = "RawMap"))]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "RawMap", into = "RawMap")
+)]
 pub struct NdtMap {
     params: VoxelParams,
     table: CellTable,
@@ -126,7 +130,8 @@ impl NdtMap {
                 (last_cell, last_voxel) = (cell, self.voxel_index(cell));
             }
             if let Some(sums) = last_voxel.and_then(|voxel| self.sums.get_mut(voxel)) {
-                let step = |value: f64, corner: i32| (((value - f64::from(corner)) * STEPS) as u32).min(STEPS as u32 - 1);
+                let step =
+                    |value: f64, corner: i32| (((value - f64::from(corner)) * STEPS) as u32).min(STEPS as u32 - 1);
                 sums.add([step(scaled.x, cell[0]), step(scaled.y, cell[1]), step(scaled.z, cell[2])]);
                 inserted += 1;
             }
@@ -196,7 +201,11 @@ impl NdtMap {
     pub fn gaussian(&self, cell: [i32; 3]) -> Option<Gaussian3> {
         let moments = self.distribution(self.sums(cell)?, self.params.resolution)?;
         let corner = Vector3::from(cell.map(f64::from)) * self.params.resolution;
-        Some(Gaussian3 { mean: corner + moments.mean, covariance: moments.covariance, information: moments.information })
+        Some(Gaussian3 {
+            mean: corner + moments.mean,
+            covariance: moments.covariance,
+            information: moments.information,
+        })
     }
 
     /// The distribution of sums that count in voxels of `unit` metres, its mean from their corner.
@@ -236,3 +245,5 @@ pub(super) struct Moments {
     pub(super) information: Matrix3<f64>,
 }
 
+#[cfg(test)]
+mod tests;

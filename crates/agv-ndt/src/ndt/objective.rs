@@ -106,7 +106,10 @@ impl ScoreObjective<'_> {
         let chunks = source.x.chunks(CHUNK).zip(source.y.chunks(CHUNK)).zip(source.z.chunks(CHUNK));
         let places = source.key.chunks_mut(CHUNK).zip(source.block.chunks_mut(CHUNK));
         for (((x, y), z), (keys, blocks)) in chunks.zip(places) {
-            arch.dispatch(#[inline(always)] || turn(&frame, [x, y, z], &mut moved));
+            arch.dispatch(
+                #[inline(always)]
+                || turn(&frame, [x, y, z], &mut moved),
+            );
             for (i, (key, block)) in keys.iter_mut().zip(blocks).enumerate() {
                 let cell = [moved.cell[0][i], moved.cell[1][i], moved.cell[2][i]];
                 let Some(packed) = pack(cell) else { continue };
@@ -170,6 +173,7 @@ struct Chunk<'a> {
     blocks: &'a mut [u32],
 }
 
+#[expect(clippy::inline_always, reason = "what is dispatched has to be inlined to be compiled for the instruction set")]
 impl pulp::NullaryFnOnce for Chunk<'_> {
     type Output = (MotionSums, usize);
 
@@ -207,3 +211,6 @@ impl pulp::NullaryFnOnce for Chunk<'_> {
         (sums.total(), unknown)
     }
 }
+
+#[cfg(test)]
+mod tests;

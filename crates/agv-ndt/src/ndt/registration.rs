@@ -278,6 +278,13 @@ impl Registration for NdtRegistration {
         }
         let (result, report) = self.descend(guess);
         self.report = report;
-        Ok(if result.target_from_source.is_finite() { result } else { Alignment::unknown(*guess, Termination::Stalled) })
+        Ok(if result.target_from_source.is_finite() {
+            result
+        } else {
+            Alignment::unknown(*guess, Termination::Stalled)
+        })
     }
 }
+
+#[cfg(test)]
+mod tests;

@@ -100,25 +100,24 @@ impl Surroundings {
         if known != UNKNOWN {
             return known;
         }
-        let mut blocks = [Block::default(); MAX_BLOCKS];
-        let first = if gather(level, search, self.origin, cell, &mut blocks) {
-            let first = self.blocks.len() as u32;
-            self.blocks.extend_from_slice(&blocks[..search.blocks()]);
-            first
-        } else {
-            NOTHING
-        };
-        self.table.get_or_insert(key, first)
+        let first = self.blocks.len();
+        self.blocks.resize(first + search.blocks(), Block::default());
+        let found = gather(level, search, self.origin, cell, &mut self.blocks[first..]);
+        if !found {
+            self.blocks.truncate(first);
+        }
+        self.table.get_or_insert(key, if found { first as u32 } else { NOTHING })
     }
 }
 
-/// Puts the distributions around a voxel, given from the origin, side by side; says whether there are any.
+/// Puts the distributions around a voxel, given from the origin, side by side in empty blocks, as many as the search needs; says
+/// whether there are any.
 pub(super) fn gather(
     level: &Level,
     search: VoxelSearch,
     origin: [i32; 3],
     cell: [i32; 3],
-    blocks: &mut [Block; MAX_BLOCKS],
+    blocks: &mut [Block],
 ) -> bool {
     let mut found = 0;
     for offset in search.offsets() {
@@ -128,10 +127,10 @@ pub(super) fn gather(
             continue;
         }
         let Some(voxel) = level.get(absolute) else { continue };
-        // 27 at most, so the block exists.
+        // As many as the search has at most, so the block exists.
         let (block, lane) = (&mut blocks[found / LANES], found % LANES);
-        for axis in 0..3 {
-            block.mean[axis][lane] = near[axis] as f32 * level.edge as f32 + voxel.mean[axis];
+        for ((mean, from_corner), index) in block.mean.iter_mut().zip(voxel.mean).zip(near) {
+            mean[lane] = index as f32 * level.edge as f32 + from_corner;
         }
         for (entry, value) in block.information.iter_mut().zip(voxel.information) {
             entry[lane] = value;

@@ -16,7 +16,7 @@ pub(crate) fn pack(cell: [i32; 3]) -> Option<u64> {
 /// As [`pack`], of a cell that is known to be in reach.
 #[inline]
 pub(crate) fn pack_within([x, y, z]: [i32; 3]) -> u64 {
-    let bits = |index: i32| (index.wrapping_add(REACH) as u32 & 0x1f_ffff) as u64;
+    let bits = |index: i32| u64::from(index.wrapping_add(REACH) as u32 & 0x1f_ffff);
     bits(x) << 42 | bits(y) << 21 | bits(z)
 }
 
@@ -127,7 +127,9 @@ mod tests {
     #[test]
     fn cells_out_of_reach_have_no_key_and_floors_are_floors() {
         assert!(pack([REACH - 1, -REACH, 0]).is_some());
-        assert!(pack([REACH, 0, 0]).is_none() && pack([0, -REACH - 1, 0]).is_none() && pack([0, 0, i32::MAX]).is_none());
+        assert!(
+            pack([REACH, 0, 0]).is_none() && pack([0, -REACH - 1, 0]).is_none() && pack([0, 0, i32::MAX]).is_none()
+        );
         for value in [-1.0, -0.999, -1e-9, 0.0, 0.3, 1.0, 1.999, -7.5] {
             assert_eq!(floor(value), value.floor() as i32, "{value}");
         }

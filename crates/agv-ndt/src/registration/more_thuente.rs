@@ -149,11 +149,8 @@ impl MoreThuente {
                 return (point, end, evaluations);
             }
             step = if auxiliary && point.value <= interval.best.value && !fallen {
-                let tilt = |p: &LinePoint, by: f64| LinePoint {
-                    value: p.value + by * p.step,
-                    slope: p.slope + by,
-                    ..*p
-                };
+                let tilt =
+                    |p: &LinePoint, by: f64| LinePoint { value: p.value + by * p.step, slope: p.slope + by, ..*p };
                 let mut tilted = Interval {
                     best: tilt(&interval.best, -promise),
                     other: tilt(&interval.other, -promise),
@@ -269,7 +266,7 @@ fn cubic_minimum_ahead(a: &LinePoint, b: &LinePoint) -> Option<f64> {
     let (theta, gamma) = cubic(a, b);
     let gamma = if a.step > b.step { -gamma } else { gamma };
     let ratio = (gamma - a.slope + theta) / (gamma + (b.slope - a.slope) + gamma);
-    (ratio < 0.0 && gamma != 0.0).then(|| a.step + ratio * (b.step - a.step))
+    (ratio < 0.0 && gamma != 0.0).then_some(a.step + ratio * (b.step - a.step))
 }
 
 /// Where the slope vanishes, by the secant.

@@ -60,17 +60,16 @@ pub(super) fn minimize(
 /// that is not finite.
 fn direction(hessian: &Matrix6<f64>, gradient: &Vector6<f64>, keep: &Matrix6<f64>) -> Option<Vector6<f64>> {
     let hessian = keep * hessian * keep + (Matrix6::identity() - keep);
-    let step = match hessian.cholesky() {
-        Some(factor) => factor.solve(&-gradient),
-        None => {
-            // Metres and radians differ in scale: magnitudes are compared after scaling to a unit diagonal.
-            let scale = hessian.diagonal().map(|h: f64| 1.0 / h.abs().max(1e-9).sqrt());
-            let scaled = Matrix6::from_fn(|i, j| scale[i] * hessian[(i, j)] * scale[j]);
-            let (values, vectors) = Se3::symmetric_eigen(&scaled)?;
-            let along = vectors.transpose() * -gradient.component_mul(&scale);
-            let divided = along.zip_map(&values, |a: f64, value: f64| a / value.abs().max(1e-3));
-            (vectors * divided).component_mul(&scale)
-        }
+    let step = if let Some(factor) = hessian.cholesky() {
+        factor.solve(&-gradient)
+    } else {
+        // Metres and radians differ in scale: magnitudes are compared after scaling to a unit diagonal.
+        let scale = hessian.diagonal().map(|h: f64| 1.0 / h.abs().max(1e-9).sqrt());
+        let scaled = Matrix6::from_fn(|i, j| scale[i] * hessian[(i, j)] * scale[j]);
+        let (values, vectors) = Se3::symmetric_eigen(&scaled)?;
+        let along = vectors.transpose() * -gradient.component_mul(&scale);
+        let divided = along.zip_map(&values, |a: f64, value: f64| a / value.abs().max(1e-3));
+        (vectors * divided).component_mul(&scale)
     };
     let step = keep * step;
     step.iter().all(|v| v.is_finite()).then_some(step)

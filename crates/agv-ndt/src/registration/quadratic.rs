@@ -67,9 +67,9 @@ impl MotionSums {
         let bend = (y * g.transpose() + g * y.transpose()) * 0.5 - Matrix3::identity() * y.dot(g);
         let turn = jacobian.transpose() * cross + bend * point.curvature;
         let terms = [
-            point.cost, g.x, g.y, g.z, torque.x, torque.y, torque.z, h.m11, h.m12, h.m13, h.m22, h.m23, h.m33, cross.m11,
-            cross.m12, cross.m13, cross.m21, cross.m22, cross.m23, cross.m31, cross.m32, cross.m33, turn.m11, turn.m12,
-            turn.m13, turn.m22, turn.m23, turn.m33,
+            point.cost, g.x, g.y, g.z, torque.x, torque.y, torque.z, h.m11, h.m12, h.m13, h.m22, h.m23, h.m33,
+            cross.m11, cross.m12, cross.m13, cross.m21, cross.m22, cross.m23, cross.m31, cross.m32, cross.m33,
+            turn.m11, turn.m12, turn.m13, turn.m22, turn.m23, turn.m33,
         ];
         for (sum, term) in self.sums.iter_mut().zip(terms) {
             *sum += term;
@@ -90,8 +90,9 @@ impl MotionSums {
     /// The cost to second order at `pose`; `curvature` is that of the points.
     pub(crate) fn quadratic(&self, pose: &Se3, curvature: f64) -> Quadratic {
         let s = &self.sums;
-        let symmetric =
-            |i: usize| Matrix3::new(s[i], s[i + 1], s[i + 2], s[i + 1], s[i + 3], s[i + 4], s[i + 2], s[i + 4], s[i + 5]);
+        let symmetric = |i: usize| {
+            Matrix3::new(s[i], s[i + 1], s[i + 2], s[i + 1], s[i + 3], s[i + 4], s[i + 2], s[i + 4], s[i + 5])
+        };
         let (force, torque) = (Vector3::new(s[1], s[2], s[3]), Vector3::new(s[4], s[5], s[6]));
         let cross = Matrix3::from_row_slice(&s[13..22]) + skew(&force) * (0.5 * curvature);
         let to_source = pose.rotation().matrix().transpose();
@@ -112,4 +113,53 @@ impl MotionSums {
 /// The matrix of the cross product.
 pub(crate) fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use agv_core::geometry::{LieGroup, So3};
+    use proptest::prelude::*;
+
+    /// A well around a mean that is no sphere, with its derivatives.
+    fn well(x: &Vector3<f64>) -> PointDerivatives {
+        let (mean, a) = (Vector3::new(2.0, -1.0, 0.5), Matrix3::new(3.0, 0.4, -0.2, 0.4, 1.0, 0.3, -0.2, 0.3, 0.5));
+        let q = a * (x - mean);
+        let e = (-0.3 * (x - mean).dot(&q)).exp();
+        let hessian = (a - q * q.transpose() * 0.6) * (0.6 * e);
+        PointDerivatives { cost: -e, gradient: q * (0.6 * e), hessian, curvature: 1.0 }
+    }
+
+    fn cost(pose: &Se3, points: &[Vector3<f64>]) -> Quadratic {
+        let mut sums = MotionSums::default();
+        for p in points {
+            sums.add(&pose.rotation().act(p), &well(&pose.act(p)));
+        }
+        sums.quadratic(pose, 1.0)
+    }
+
+    proptest! {
+        /// Gradient and Hessian of the cost over right increments, against differences of the cost alone.
+        #[test]
+        fn derivatives_are_those_of_the_cost(
+            turn in prop::array::uniform3(-2.0..2.0_f64), shift in prop::array::uniform3(-1.0..1.0_f64),
+            points in prop::collection::vec(prop::array::uniform3(-2.0..2.0_f64), 1..5),
+        ) {
+            let pose = Se3::from_parts(Vector3::from(shift), So3::exp(&Vector3::from(turn)));
+            let points: Vec<_> = points.into_iter().map(Vector3::from).collect();
+            let at = |step: Vector6<f64>| cost(&pose.plus(&step), &points).cost;
+            let (found, h) = (cost(&pose, &points), 1e-4);
+            for i in 0..6 {
+                let a = Vector6::ith(i, h);
+                let slope = (at(a) - at(-a)) / (2.0 * h);
+                prop_assert!((found.gradient[i] - slope).abs() < 1e-5, "{} {}", found.gradient[i], slope);
+                for j in 0..=i {
+                    let b = Vector6::ith(j, h);
+                    let bend = (at(a + b) - at(a - b) - at(b - a) + at(-a - b)) / (4.0 * h * h);
+                    prop_assert!((found.hessian[(i, j)] - bend).abs() < 1e-4, "{i} {j}: {} {}", found.hessian[(i, j)], bend);
+                    prop_assert_eq!(found.hessian[(i, j)], found.hessian[(j, i)]);
+                }
+            }
+        }
+    }
 }

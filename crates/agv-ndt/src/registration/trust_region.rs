@@ -72,3 +72,91 @@ pub(super) fn minimize(
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::{Freedom, Optimizer, PointDerivatives, Quadratic, quadratic::MotionSums};
+    use super::*;
+    use agv_core::geometry::So3;
+    use nalgebra::{Matrix3, Vector3};
+
+    /// Points that belong to others, at the same place after `truth`; far ones count less, as a well has it.
+    struct Pairs {
+        source: Vec<Vector3<f64>>,
+        truth: Se3,
+        evaluations: usize,
+    }
+
+    impl Objective for Pairs {
+        fn evaluate(&mut self, pose: &Se3) -> Quadratic {
+            self.evaluations += 1;
+            let mut sums = MotionSums::default();
+            for p in &self.source {
+                let d = pose.act(p) - self.truth.act(p);
+                let e = (-0.1 * d.norm_squared()).exp();
+                let hessian = (Matrix3::identity() - d * d.transpose() * 0.2) * (0.2 * e);
+                let point = PointDerivatives { cost: -e, gradient: d * (0.2 * e), hessian, curvature: 1.0 };
+                sums.add(&pose.rotation().act(p), &point);
+            }
+            sums.quadratic(pose, 1.0)
+        }
+    }
+
+    fn pairs(truth: Se3) -> Pairs {
+        let source = (0..50)
+            .map(|i| Vector3::new((f64::from(i) * 0.7).sin(), (f64::from(i) * 1.3).cos(), (f64::from(i) * 2.1).sin()));
+        Pairs { source: source.map(|p| p * 3.0).collect(), truth, evaluations: 0 }
+    }
+
+    #[test]
+    fn both_optimizers_find_the_pose_from_where_the_hessian_is_indefinite() {
+        let truth = Se3::from_parts(Vector3::new(1.0, -2.0, 1.5), So3::from_roll_pitch_yaw(0.3, -0.2, 0.5));
+        for optimizer in [Optimizer::TrustRegion, Optimizer::LineSearch] {
+            let mut problem = pairs(truth);
+            let params =
+                DescentParams { translation_tolerance: 1e-8, rotation_tolerance: 1e-8, ..DescentParams::default() };
+            let found = optimizer.minimize(&mut problem, &params, &Se3::default(), &Matrix6::identity());
+            assert_eq!(found.termination, Termination::Converged, "{optimizer:?}");
+            assert!(found.pose.minus(&truth).norm() < 1e-7, "{optimizer:?} {:?}", found.pose);
+            assert_eq!(found.iterations, problem.evaluations);
+            assert!(found.iterations < 25, "{optimizer:?}: {}", found.iterations);
+        }
+    }
+
+    #[test]
+    fn held_directions_stay_and_limits_end_the_search() {
+        let truth = Se3::from_parts(Vector3::new(0.5, -0.4, 0.3), So3::from_roll_pitch_yaw(0.02, -0.03, 0.2));
+        for optimizer in [Optimizer::TrustRegion, Optimizer::LineSearch] {
+            let (params, start) = (DescentParams::default(), Se3::from_parts(Vector3::z() * 0.1, So3::default()));
+            let keep = Freedom::Planar.projector(&start);
+            let found = optimizer.minimize(&mut pairs(truth), &params, &start, &keep);
+            let (roll, pitch, yaw) = found.pose.rotation().roll_pitch_yaw();
+            assert_eq!(found.termination, Termination::Converged);
+            assert!((found.pose.translation().z - 0.1).abs() < 1e-9 && roll.abs() < 1e-9 && pitch.abs() < 1e-9);
+            assert!((yaw - 0.2).abs() < 0.02 && (found.pose.translation().x - 0.5).abs() < 0.05, "{:?}", found.pose);
+            let few = DescentParams { max_iterations: 2, ..params };
+            let found = optimizer.minimize(&mut pairs(truth), &few, &start, &Matrix6::identity());
+            assert_eq!((found.termination, found.iterations), (Termination::IterationLimit, 2));
+        }
+    }
+
+    #[test]
+    fn nothing_matched_is_said_and_bad_parameters_are_named() {
+        let mut none = Pairs { source: vec![], truth: Se3::default(), evaluations: 0 };
+        for optimizer in [Optimizer::TrustRegion, Optimizer::LineSearch] {
+            let found = optimizer.minimize(&mut none, &DescentParams::default(), &Se3::default(), &Matrix6::identity());
+            assert_eq!(found.termination, Termination::TooFewPoints);
+        }
+        let good = DescentParams::default();
+        for bad in [
+            DescentParams { max_iterations: 0, ..good },
+            DescentParams { translation_tolerance: 0.0, ..good },
+            DescentParams { rotation_tolerance: f64::NAN, ..good },
+            DescentParams { max_translation: -1.0, ..good },
+            DescentParams { max_rotation: f64::INFINITY, ..good },
+            DescentParams { initial_damping: 0.0, ..good },
+        ] {
+            assert!(bad.validate().is_err(), "{bad:?}");
+        }
+    }
+}

@@ -6,6 +6,9 @@ use std::f64::consts::PI;
 /// Value and slope.
 type Function = fn(f64) -> (f64, f64);
 
+/// Name, function, `μ`, `η`, and evaluations and step from each first step.
+type Table = (&'static str, Function, f64, f64, [(usize, f64); 4]);
+
 /// 5.1 with β = 2.
 fn rational(a: f64) -> (f64, f64) {
     (-a / (a * a + 2.0), (a * a - 2.0) / (a * a + 2.0).powi(2))
@@ -35,16 +38,13 @@ fn wavy(a: f64) -> (f64, f64) {
 fn yanai(a: f64, first: f64, second: f64) -> (f64, f64) {
     let gamma = |b: f64| (1.0 + b * b).sqrt() - b;
     let (left, right) = (((1.0 - a).powi(2) + second * second).sqrt(), (a * a + first * first).sqrt());
-    (
-        gamma(first) * left + gamma(second) * right,
-        gamma(first) * (a - 1.0) / left + gamma(second) * a / right,
-    )
+    (gamma(first) * left + gamma(second) * right, gamma(first) * (a - 1.0) / left + gamma(second) * a / right)
 }
 
 /// Tables I to VI: `μ`, `η`, and evaluations and step, printed to one or two digits, from each first step.
 #[test]
 fn the_published_tables_are_reproduced() {
-    let tables: [(&str, Function, f64, f64, [(usize, f64); 4]); 6] = [
+    let tables: [Table; 6] = [
         ("I", rational, 0.001, 0.1, [(6, 1.4), (3, 1.4), (1, 10.0), (4, 37.0)]),
         ("II", quintic, 0.1, 0.1, [(12, 1.6), (8, 1.6), (8, 1.6), (11, 1.6)]),
         ("III", wavy, 0.1, 0.1, [(12, 1.0), (12, 1.0), (10, 1.0), (13, 1.0)]),
@@ -84,7 +84,10 @@ fn ends_are_told_apart() {
     assert_eq!(end(|a| (a, 1.0)), LineSearchEnd::NotDownhill);
     assert_eq!(end(|a| (if a > 0.0 { f64::NAN } else { 0.0 }, -1.0)), LineSearchEnd::NotDownhill);
     // A slope that lies: the value rises wherever one looks.
-    assert!(matches!(end(|a| (a, -1.0)), LineSearchEnd::AtMinimum | LineSearchEnd::EvaluationLimit | LineSearchEnd::Narrow));
+    assert!(matches!(
+        end(|a| (a, -1.0)),
+        LineSearchEnd::AtMinimum | LineSearchEnd::EvaluationLimit | LineSearchEnd::Narrow
+    ));
 }
 
 #[test]
