@@ -42,17 +42,6 @@ pub(crate) fn run(
             let result = times.time(|| method.align(&pair.source, &guess))?;
             let error = truth.between(&result.target_from_source);
             let right = error.distance() < 0.05 && error.angle() < 0.5_f64.to_radians();
-            if std::env::var("BASIN_VERBOSE").is_ok() {
-                eprintln!(
-                    "{metres} right {right} {:?} score {:.4} inliers {:.4} err {:.3} {:.3} it {}",
-                    result.termination,
-                    result.score,
-                    result.inlier_ratio,
-                    error.distance(),
-                    error.angle().to_degrees(),
-                    result.iterations
-                );
-            }
             found += usize::from(right);
             wrong += usize::from(!right && result.converged());
             missed += usize::from(right && !result.converged());

@@ -2,6 +2,7 @@
 
 use crate::{Args, Result};
 use agv_nav::core::roles::Registration;
+use agv_nav::ndt::gicp::{PointMetric, PointParams, PointRegistration};
 use agv_nav::ndt::ndt::{NdtParams, NdtRegistration, VoxelParams};
 
 /// Who aligns.
@@ -9,12 +10,21 @@ use agv_nav::ndt::ndt::{NdtParams, NdtRegistration, VoxelParams};
 pub(crate) enum Method {
     /// Normal distributions transform
     Ndt,
+    /// Generalized iterated closest points
+    Gicp,
+    /// Generalized, voxel by voxel
+    Vgicp,
+    /// Iterated closest points, point to plane
+    Icp,
 }
 
 impl Method {
     pub(crate) const fn name(self) -> &'static str {
         match self {
             Self::Ndt => "ndt",
+            Self::Gicp => "gicp",
+            Self::Vgicp => "vgicp",
+            Self::Icp => "icp",
         }
     }
 
@@ -22,12 +32,20 @@ impl Method {
     pub(crate) const fn target_leaf(self) -> f32 {
         match self {
             Self::Ndt => 0.1,
+            Self::Gicp | Self::Vgicp | Self::Icp => 0.25,
         }
     }
 
     pub(crate) fn build(self, args: &Args) -> Result<Box<dyn Registration>> {
         let voxels = VoxelParams { resolution: args.resolution, ..VoxelParams::default() };
+        let points = |metric| -> Result<Box<dyn Registration>> {
+            let params = PointParams { metric, resolution: args.resolution, ..PointParams::default() };
+            Ok(Box::new(PointRegistration::new(params)?.with_parallelism(args.common.par())))
+        };
         Ok(match self {
+            Self::Gicp => points(PointMetric::Generalized)?,
+            Self::Vgicp => points(PointMetric::Voxelized)?,
+            Self::Icp => points(PointMetric::PointToPlane)?,
             Self::Ndt => {
                 let params = NdtParams { voxels, ..NdtParams::default() };
                 Box::new(NdtRegistration::new(params)?.with_parallelism(args.common.par()))

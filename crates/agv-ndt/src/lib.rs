@@ -3,9 +3,15 @@
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod cells;
 pub mod convert;
+mod eigen;
 mod error;
+pub mod gicp;
 pub mod ndt;
+pub mod preprocess;
 pub mod registration;
+#[cfg(test)]
+mod scenes;
 
 pub use error::Error;

@@ -6,18 +6,14 @@
 //! Which directions are fixed is a question of surfaces: a distribution in a wall pulls along the wall too, towards the middle
 //! of its voxel, and so the Hessian of a long corridor seems to know the place along it. Each point therefore counts with its
 //! distribution's information relative to its trace, squared: a surface counts its normal once, and what is ten times as wide
-//! counts a hundredth. The eigenvalues of the sum over the points, rotations at an arm of 2 m or the points' mean distance, are
-//! shares of the points that face each direction (Zhang, Kaess and Singh 2016 with a threshold without unit).
+//! counts a hundredth. What that says of directions is in [`Facing`].
 
 use super::kernel::{Block, Frame, LANES, Moved, turn};
 use super::objective::ScoreObjective;
 use super::search::{MAX_BLOCKS, NOTHING, UNKNOWN, gather};
-use super::table::pack;
-use crate::registration::{PointDerivatives, quadratic::MotionSums};
-use agv_core::{
-    compute::CHUNK,
-    geometry::{PoseSigma, Se3, unobserved_directions},
-};
+use crate::cells::pack;
+use crate::registration::Facing;
+use agv_core::{compute::CHUNK, geometry::Se3};
 use nalgebra::{Matrix3, Matrix6, Vector3};
 
 /// 95 % quantile of χ² with three degrees of freedom.
@@ -25,10 +21,6 @@ const INLIER: f32 = 7.815;
 
 /// Points between those whose directions are summed up: shares need no more.
 const STRIDE: usize = 4;
-
-/// Longest arm, in metres, at which rotations are compared with translations: a corridor's walls hold the roll, though nearly all of
-/// its points are far ahead.
-const ARM: f64 = 2.0;
 
 /// What a pose explains.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -44,8 +36,7 @@ pub(super) struct Fit {
 /// Sums over points.
 #[derive(Debug, Clone, Copy, Default)]
 struct FitSums {
-    shares: MotionSums,
-    squared_distance: f64,
+    facing: Facing,
     likelihood: f64,
     inliers: usize,
     matches: usize,
@@ -54,8 +45,7 @@ struct FitSums {
 impl FitSums {
     fn merged(self, other: Self) -> Self {
         Self {
-            shares: self.shares.merged(other.shares),
-            squared_distance: self.squared_distance + other.squared_distance,
+            facing: self.facing.merged(other.facing),
             likelihood: self.likelihood + other.likelihood,
             inliers: self.inliers + other.inliers,
             matches: self.matches + other.matches,
@@ -84,16 +74,10 @@ impl ScoreObjective<'_> {
             FitSums::merged,
         );
         let sums = sums.unwrap_or_default();
-        let counted = sums.shares.matches.max(1) as f64;
-        let radius = (sums.squared_distance / counted).sqrt().clamp(1e-3, ARM);
-        let shares = sums.shares.quadratic(pose, 0.0).hessian / (counted * min_share);
-        let fixed = (Matrix6::identity() - free) * (10.0 + shares.trace());
-        let shares = free * shares * free + (fixed + fixed.transpose()) * 0.5;
-        let sigma = PoseSigma { translation: 1.0, rotation: 1.0 / radius };
         Fit {
             inlier_ratio: sums.inliers as f64 / x.len().max(1) as f64,
             nearest_likelihood: sums.likelihood / sums.matches.max(1) as f64,
-            unobserved: unobserved_directions::<Se3>(&shares, sigma).unwrap_or_else(|_| Matrix6::identity()),
+            unobserved: sums.facing.unobserved(pose, min_share, free),
         }
     }
 
@@ -120,15 +104,7 @@ impl ScoreObjective<'_> {
             if i % STRIDE == 0 {
                 let [xx, xy, xz, yy, yz, zz] = [0, 1, 2, 3, 4, 5].map(|k| f64::from(block.information[k][lane]));
                 let relative = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) / (xx + yy + zz);
-                let y = Vector3::from(y.map(f64::from));
-                sums.squared_distance += y.norm_squared();
-                let facing = PointDerivatives {
-                    cost: 0.0,
-                    gradient: Vector3::zeros(),
-                    hessian: relative * relative,
-                    curvature: 0.0,
-                };
-                sums.shares.add(&y, &facing);
+                sums.facing.add(&Vector3::from(y.map(f64::from)), &(relative * relative));
             }
         }
         sums

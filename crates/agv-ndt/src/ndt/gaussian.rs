@@ -12,7 +12,7 @@
 //! Sums are kept in whole multiples of 2⁻¹⁶ voxels from the voxel's corner, and of their products: integers add in any order to
 //! the same bits, so that maps of many vehicles' logs may be merged in any order.
 
-use super::eigen::SymmetricEigen;
+use crate::eigen::SymmetricEigen;
 use agv_core::check;
 use nalgebra::{Matrix3, Vector3};
 

@@ -2,7 +2,7 @@
 
 use super::gaussian::VoxelSums;
 use super::map::NdtMap;
-use super::table::{CellTable, pack_within};
+use crate::cells::{CellTable, pack_within};
 
 /// A distribution as the inner loop wants it: one cache line.
 #[derive(Debug, Clone, Copy, Default)]

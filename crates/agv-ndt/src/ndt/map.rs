@@ -1,8 +1,8 @@
 //! The map of the normal distributions transform: point sums per voxel, over a hash table of voxels.
 
 use super::gaussian::{Gaussian3, STEPS, VoxelParams, VoxelSums, regularized};
-use super::table::{CellTable, floor, pack, pack_within};
 use crate::Error;
+use crate::cells::{CellTable, floor, pack, pack_within};
 use agv_core::{
     geometry::{LieGroup, Se3},
     sensors::PointSource,

@@ -1,6 +1,5 @@
 //! The normal distributions transform.
 
-mod eigen;
 mod fit;
 mod gaussian;
 mod kernel;
@@ -11,7 +10,6 @@ mod objective;
 mod params;
 mod registration;
 mod search;
-mod table;
 
 pub use gaussian::{Gaussian3, VoxelParams, VoxelSums};
 pub use map::NdtMap;

@@ -4,7 +4,7 @@ use super::kernel::{Block, Frame, LaneSums, Moved, accumulate, turn};
 use super::level::Level;
 use super::mixture::Mixture;
 use super::search::{MAX_BLOCKS, NOTHING, Surroundings, UNKNOWN, VoxelSearch, gather};
-use super::table::{floor, pack, unpack};
+use crate::cells::{floor, pack, unpack};
 use crate::registration::{Objective, Quadratic, quadratic::MotionSums};
 use agv_core::{
     compute::{CHUNK, Par},

@@ -24,6 +24,8 @@ pub struct NdtParams {
     pub optimizer: Optimizer,
     /// When to stop, on the finest level.
     pub descent: DescentParams,
+    /// How often the search runs through the levels again from where it ended, if that was no good fit.
+    pub restarts: u32,
     /// Share of inliers below which a result is [`PoorFit`](agv_core::roles::Termination::PoorFit).
     pub min_inlier_ratio: f64,
     /// Share of the points that must face a direction for it to be observed.
@@ -43,6 +45,7 @@ impl Default for NdtParams {
             hold_unobserved: false,
             optimizer: Optimizer::TrustRegion,
             descent: DescentParams::default(),
+            restarts: 2,
             min_inlier_ratio: 0.5,
             min_facing_share: 0.01,
         }

@@ -161,8 +161,8 @@ impl NdtRegistration {
             return descent;
         }
         DescentParams {
-            translation_tolerance: descent.translation_tolerance.max(0.01 * edge),
-            rotation_tolerance: descent.rotation_tolerance.max(0.002 * edge),
+            translation_tolerance: descent.translation_tolerance.max(0.005 * edge),
+            rotation_tolerance: descent.rotation_tolerance.max(0.001 * edge),
             max_translation: descent.max_translation.max(0.25 * edge),
             ..descent
         }
@@ -184,7 +184,7 @@ impl NdtRegistration {
             curvature: match self.params.optimizer {
                 Optimizer::LineSearch => 1.0,
                 Optimizer::TrustRegion if finest => CURVATURE,
-                Optimizer::TrustRegion => 0.0,
+                Optimizer::TrustRegion | Optimizer::GaussNewton => 0.0,
             },
             par: self.par,
             arch: self.arch,
@@ -193,8 +193,25 @@ impl NdtRegistration {
         objective
     }
 
-    /// From the coarsest level to the finest.
+    /// From the coarsest level to the finest; again from where that ended, if it ended badly.
     fn descend(&mut self, guess: &Se3) -> (Alignment<Se3>, NdtReport) {
+        let (mut result, mut report) = self.descend_once(guess);
+        for _ in 0..self.params.restarts {
+            if !matches!(result.termination, Termination::IterationLimit | Termination::Stalled | Termination::PoorFit)
+            {
+                break;
+            }
+            let (again, its_report) = self.descend_once(&result.target_from_source);
+            let iterations = result.iterations + again.iterations;
+            if again.inlier_ratio > result.inlier_ratio || again.converged() {
+                (result, report) = (again, its_report);
+            }
+            result.iterations = iterations;
+        }
+        (result, report)
+    }
+
+    fn descend_once(&mut self, guess: &Se3) -> (Alignment<Se3>, NdtReport) {
         let params = self.params;
         let free = params.freedom.projector(guess);
         let (mut pose, mut iterations, mut held) = (*guess, 0, Matrix6::zeros());
@@ -244,12 +261,10 @@ fn conclude(
         unobserved_count,
     };
     let still_free = (unobserved - held).trace() > 0.5;
-    if termination == Termination::Converged {
-        if still_free {
-            termination = Termination::Degenerate;
-        } else if inlier_ratio < params.min_inlier_ratio {
-            termination = Termination::PoorFit;
-        }
+    if still_free && matches!(termination, Termination::Converged | Termination::Stalled) {
+        termination = Termination::Degenerate;
+    } else if termination == Termination::Converged && inlier_ratio < params.min_inlier_ratio {
+        termination = Termination::PoorFit;
     }
     result.unobserved = unobserved + (Matrix6::identity() - free);
     result.information = observed_information::<Se3>(&information, &result.unobserved);

@@ -2,7 +2,7 @@
 
 use super::kernel::{Block, LANES};
 use super::level::Level;
-use super::table::{CellTable, pack};
+use crate::cells::{CellTable, pack};
 
 /// Which distributions around a point count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]

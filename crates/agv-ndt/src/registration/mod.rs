@@ -10,7 +10,9 @@
 //! | [`Descent`] | where that ended, and why |
 
 mod descent;
+mod facing;
 mod freedom;
+mod gauss_newton;
 mod more_thuente;
 mod newton;
 mod optimizer;
@@ -18,6 +20,7 @@ pub(crate) mod quadratic;
 mod trust_region;
 
 pub use descent::{Descent, DescentParams};
+pub(crate) use facing::Facing;
 pub use freedom::Freedom;
 pub use more_thuente::{LinePoint, LineSearchEnd, LineSearchParams, MoreThuente};
 pub use optimizer::Optimizer;

@@ -1,6 +1,6 @@
 //! The optimisers by name.
 
-use super::{Descent, DescentParams, Objective, newton, trust_region};
+use super::{Descent, DescentParams, Objective, gauss_newton, newton, trust_region};
 use agv_core::geometry::Se3;
 use nalgebra::Matrix6;
 
@@ -13,6 +13,8 @@ pub enum Optimizer {
     TrustRegion,
     /// Newton's direction and Moré and Thuente's line search, as Magnusson 2009 has it: one to a few evaluations a step.
     LineSearch,
+    /// Steps as they come (Gauss and Newton), for costs whose pairs change from pose to pose.
+    GaussNewton,
 }
 
 impl Optimizer {
@@ -28,6 +30,7 @@ impl Optimizer {
         match self {
             Self::TrustRegion => trust_region::minimize(objective, params, start, keep),
             Self::LineSearch => newton::minimize(objective, params, start, keep),
+            Self::GaussNewton => gauss_newton::minimize(objective, params, start, keep),
         }
     }
 }

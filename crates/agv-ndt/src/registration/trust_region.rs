@@ -47,8 +47,13 @@ pub(super) fn minimize(
             return Descent { termination: Termination::Degenerate, ..best };
         }
         if params.at_rest(&step) {
+            // A step may also be short because no longer one was of use.
+            let at_rest = damping <= 1.0 || nearly_at_rest(&hessian, &scale, &gradient, params);
             best.pose = best.pose.plus(&step);
-            return Descent { termination: Termination::Converged, ..best };
+            return Descent {
+                termination: if at_rest { Termination::Converged } else { Termination::Stalled },
+                ..best
+            };
         }
         if best.iterations >= params.max_iterations {
             return best;
@@ -71,6 +76,18 @@ pub(super) fn minimize(
             }
         }
     }
+}
+
+/// Whether a step that is hardly damped would be short as well: ten times the tolerances, since a cost that jumps where points change
+/// their voxel or partner has no better rest.
+fn nearly_at_rest(
+    hessian: &Matrix6<f64>,
+    scale: &Vector6<f64>,
+    gradient: &Vector6<f64>,
+    params: &DescentParams,
+) -> bool {
+    let damped = hessian + Matrix6::from_diagonal(&(scale * params.initial_damping));
+    damped.cholesky().is_some_and(|factor| params.at_rest(&(factor.solve(gradient) * 0.1)))
 }
 
 #[cfg(test)]
