@@ -12,6 +12,7 @@ mod localization;
 mod mapping;
 mod particle_models;
 mod planning;
+mod registration;
 #[path = "../scenes/mod.rs"]
 mod scenes;
 mod seeing;

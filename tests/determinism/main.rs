@@ -9,6 +9,7 @@ mod grids;
 mod localization;
 mod particle_models;
 mod planning;
+mod registration;
 mod sensing;
 mod threads;
 mod tuning;
