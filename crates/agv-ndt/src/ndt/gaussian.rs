@@ -120,10 +120,10 @@ pub struct VoxelParams {
 }
 
 impl Default for VoxelParams {
-    /// Voxels of 1 m and an eigenvalue ratio of 0.01 (Magnusson 2009, section 6.3; paper 003), six points as PCL takes them,
-    /// and 1 cm, the noise of a good lidar.
+    /// Voxels of 1 m and an eigenvalue ratio of 0.01 (Magnusson 2009, section 6.3; paper 003), and 1 cm, the noise of a good
+    /// lidar. Eight points and not PCL's six: a voxel that a beam grazes has a surface that is none.
     fn default() -> Self {
-        Self { resolution: 1.0, min_points: 6, min_eigenvalue_ratio: 0.01, min_sigma: 0.01 }
+        Self { resolution: 1.0, min_points: 8, min_eigenvalue_ratio: 0.01, min_sigma: 0.01 }
     }
 }
 

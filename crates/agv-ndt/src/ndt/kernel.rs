@@ -18,6 +18,7 @@
 #![expect(clippy::needless_range_loop, reason = "plain loops over lanes are what vectorises")]
 
 use super::mixture::Mixture;
+use super::search::VoxelSearch;
 use crate::registration::quadratic::{MotionSums, SUMS};
 use agv_core::compute::CHUNK;
 use agv_core::geometry::Se3;
@@ -44,6 +45,8 @@ pub(crate) struct Frame {
     rotation: [[f32; 3]; 3],
     translation: [f32; 3],
     per_edge: f32,
+    /// Voxels before a point's own that its cell is counted from: 0 or ½.
+    shift: f32,
     /// `-½ b log2 e`, `a`, `a b`, `κ b` and `κ`.
     exponent: f32,
     amplitude: f32,
@@ -61,14 +64,16 @@ impl Frame {
         edge: f64,
         mixture: &Mixture,
         curvature: f64,
-        reach: f64,
+        search: VoxelSearch,
     ) -> Self {
+        let reach = search.reach() * edge;
         let (r, t) = (pose.rotation().matrix(), pose.translation() - origin);
         let row = |i: usize| [r[(i, 0)] as f32, r[(i, 1)] as f32, r[(i, 2)] as f32];
         Self {
             rotation: [row(0), row(1), row(2)],
             translation: [t.x as f32, t.y as f32, t.z as f32],
             per_edge: (1.0 / edge) as f32,
+            shift: search.shift(),
             exponent: (-0.5 * mixture.d2 * std::f64::consts::LOG2_E) as f32,
             amplitude: -mixture.d1 as f32,
             slope: (-mixture.d1 * mixture.d2) as f32,
@@ -122,7 +127,7 @@ pub(crate) fn turn(frame: &Frame, [px, py, pz]: [&[f32]; 3], out: &mut Moved) {
         let (y, cell) = (&mut out.y[axis][..len], &mut out.cell[axis][..len]);
         for i in 0..len {
             y[i] = a * px[i] + b * py[i] + c * pz[i];
-            let scaled = (y[i] + frame.translation[axis]) * frame.per_edge;
+            let scaled = (y[i] + frame.translation[axis]) * frame.per_edge - frame.shift;
             let whole = scaled as i32;
             cell[i] = whole.wrapping_sub(i32::from((whole as f32) > scaled));
         }

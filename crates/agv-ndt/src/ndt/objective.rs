@@ -131,8 +131,7 @@ impl ScoreObjective<'_> {
 
     pub(super) fn frame(&self, pose: &Se3) -> Frame {
         let origin = Vector3::from(self.surroundings.origin.map(f64::from)) * self.level.edge;
-        let reach = self.search.reach() * self.level.edge;
-        Frame::new(pose, &origin, self.level.edge, &self.mixture, self.curvature, reach)
+        Frame::new(pose, &origin, self.level.edge, &self.mixture, self.curvature, self.search)
     }
 }
 

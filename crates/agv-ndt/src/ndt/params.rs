@@ -18,7 +18,8 @@ pub struct NdtParams {
     pub outlier_ratio: f64,
     /// What of the pose may change.
     pub freedom: Freedom,
-    /// Whether directions that the source does not fix at the guess stay as the guess has them.
+    /// Whether the pose keeps the guess's place along directions that the source does not fix. If not, it slides along them as noise
+    /// has it, and the outcome is [`Degenerate`](agv_core::roles::Termination::Degenerate).
     pub hold_unobserved: bool,
     /// How the score is climbed.
     pub optimizer: Optimizer,
@@ -33,13 +34,13 @@ pub struct NdtParams {
 }
 
 impl Default for NdtParams {
-    /// Two coarse levels (4 m and 2 m), from which every guess within 1 m and 10° was found on the pairs that were tried. A share of
-    /// outliers of 0.3 and not PCL's 0.55: the score is sharper, and was closer to the reference on each of seven pairs.
+    /// Two coarse levels (4 m and 2 m), from which every guess within 2 m and 20° was found on the recorded pairs that were tried. A
+    /// share of outliers of 0.3 and not PCL's 0.55: the score is sharper, and was closer to the reference on most of seven pairs.
     fn default() -> Self {
         Self {
             voxels: VoxelParams::default(),
             coarse_levels: 2,
-            search: VoxelSearch::Direct7,
+            search: VoxelSearch::Direct8,
             outlier_ratio: 0.3,
             freedom: Freedom::Full,
             hold_unobserved: false,

@@ -193,39 +193,48 @@ impl NdtRegistration {
         objective
     }
 
-    /// From the coarsest level to the finest; again from where that ended, if it ended badly.
-    fn descend(&mut self, guess: &Se3) -> (Alignment<Se3>, NdtReport) {
-        let (mut result, mut report) = self.descend_once(guess);
+    /// From the coarsest level to the finest; again from where that ended, if it ended badly; and once more with the directions held
+    /// that turned out to be free, if that is asked for.
+    fn search(&mut self, guess: &Se3) -> (Alignment<Se3>, NdtReport) {
+        let (all, nothing) = (self.levels.len(), Matrix6::zeros());
+        let (mut result, mut report) = self.descend(guess, all, &nothing);
         for _ in 0..self.params.restarts {
             if !matches!(result.termination, Termination::IterationLimit | Termination::Stalled | Termination::PoorFit)
             {
                 break;
             }
-            let (again, its_report) = self.descend_once(&result.target_from_source);
+            let (again, its_report) = self.descend(&result.target_from_source, all, &nothing);
             let iterations = result.iterations + again.iterations;
             if again.inlier_ratio > result.inlier_ratio || again.converged() {
                 (result, report) = (again, its_report);
             }
             result.iterations = iterations;
         }
+        if self.params.hold_unobserved && report.unobserved_count > 0 {
+            // What is known of the pose is kept, and the guess's place along the rest (Zhang, Kaess and Singh 2016).
+            let (pose, free) = (result.target_from_source, self.params.freedom.projector(guess));
+            let held = free * result.unobserved * free;
+            let (again, its_report) = self.descend(&pose.plus(&(held * guess.minus(&pose))), 1, &held);
+            let iterations = result.iterations + again.iterations;
+            (result, report) = (again, its_report);
+            result.iterations = iterations;
+        }
         (result, report)
     }
 
-    fn descend_once(&mut self, guess: &Se3) -> (Alignment<Se3>, NdtReport) {
+    /// Through the finest `levels` levels, from the coarsest of them, without a step along the directions of the projector `held`.
+    fn descend(&mut self, guess: &Se3, levels: usize, held: &Matrix6<f64>) -> (Alignment<Se3>, NdtReport) {
         let params = self.params;
         let free = params.freedom.projector(guess);
-        let (mut pose, mut iterations, mut held) = (*guess, 0, Matrix6::zeros());
-        for doublings in (0..self.levels.len()).rev() {
+        let keep = (Matrix6::identity() - held) * free * (Matrix6::identity() - held);
+        let (mut pose, mut iterations) = (*guess, 0);
+        for doublings in (0..levels).rev() {
             let descent = self.descent(doublings);
             let mut objective = self.objective(doublings, &pose);
-            if params.hold_unobserved && iterations == 0 {
-                held = objective.fit(guess, params.min_facing_share, &free).unobserved;
-            }
-            let keep = (Matrix6::identity() - held) * free * (Matrix6::identity() - held);
             let found = params.optimizer.minimize(&mut objective, &descent, &pose, &keep);
             (pose, iterations) = (found.pose, iterations + found.iterations);
             if doublings == 0 {
-                return conclude(&mut objective, &params, &found, iterations, [&free, &held]);
+                return conclude(&mut objective, &params, &found, iterations, [&free, held]);
             }
         }
         // There is a finest level, so that this is not reached.
@@ -291,7 +300,7 @@ impl Registration for NdtRegistration {
         if self.source.len() == 0 {
             return Ok(Alignment::unknown(*guess, Termination::TooFewPoints));
         }
-        let (result, report) = self.descend(guess);
+        let (result, report) = self.search(guess);
         self.report = report;
         Ok(if result.target_from_source.is_finite() {
             result

@@ -11,8 +11,11 @@ pub enum VoxelSearch {
     /// That of the point's own voxel.
     Direct1,
     /// Those of the point's voxel and of the six that share a face with it.
-    #[default]
     Direct7,
+    /// Those of the eight voxels around the corner that is nearest to the point: as fast as seven, and steadier, since a voxel joins
+    /// and leaves a full edge from its centre. With seven the score jumps where a point crosses a face, and has false optima there.
+    #[default]
+    Direct8,
     /// Those of the point's voxel and of all 26 around it.
     Direct27,
     /// Those whose mean is no farther than an edge: what a radius search in a kd-tree of the means gives.
@@ -25,6 +28,7 @@ impl VoxelSearch {
         match self {
             Self::Direct1 => &OFFSETS[..1],
             Self::Direct7 => &OFFSETS[..7],
+            Self::Direct8 => &CORNER,
             Self::Direct27 | Self::Radius => &OFFSETS,
         }
     }
@@ -32,8 +36,16 @@ impl VoxelSearch {
     /// Blocks that hold them.
     pub(super) const fn blocks(self) -> usize {
         match self {
-            Self::Direct1 | Self::Direct7 => 1,
+            Self::Direct1 | Self::Direct7 | Self::Direct8 => 1,
             Self::Direct27 | Self::Radius => MAX_BLOCKS,
+        }
+    }
+
+    /// What is taken off a point's place, in edges, before its voxel is looked up.
+    pub(super) const fn shift(self) -> f32 {
+        match self {
+            Self::Direct8 => 0.5,
+            _ => 0.0,
         }
     }
 
@@ -55,6 +67,9 @@ const OFFSETS: [[i32; 3]; 27] = [
     [1, 0, -1], [1, 0, 1], [0, -1, -1], [0, -1, 1], [0, 1, -1], [0, 1, 1],
     [-1, -1, -1], [-1, -1, 1], [-1, 1, -1], [-1, 1, 1], [1, -1, -1], [1, -1, 1], [1, 1, -1], [1, 1, 1],
 ];
+
+/// The voxels around a corner, from the lowest.
+const CORNER: [[i32; 3]; 8] = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1], [1, 1, 1]];
 
 /// Blocks for 27 distributions.
 pub(super) const MAX_BLOCKS: usize = 27_usize.div_ceil(LANES);

@@ -25,6 +25,9 @@ fn hall(points: u32, corner: Vector3<f64>) -> Vec<Vector3<f64>> {
     (0..points).map(|i| at(i) + corner).collect()
 }
 
+const ALL: [VoxelSearch; 5] =
+    [VoxelSearch::Direct1, VoxelSearch::Direct7, VoxelSearch::Direct8, VoxelSearch::Direct27, VoxelSearch::Radius];
+
 /// A level of the hall, and a source in it.
 struct Case {
     map: NdtMap,
@@ -68,7 +71,8 @@ impl Case {
         for i in 0..self.source.len() {
             let p = self.source.point(i).cast::<f64>();
             let x = pose.act(&p);
-            let home = self.map.cell_at(&x).unwrap();
+            let shift = if search == VoxelSearch::Direct8 { 0.5 } else { 0.0 };
+            let home = self.map.cell_at(&(x - Vector3::repeat(shift))).unwrap();
             let mut total =
                 PointDerivatives { cost: 0.0, gradient: Vector3::zeros(), hessian: Matrix3::zeros(), curvature };
             let mut met = false;
@@ -81,6 +85,7 @@ impl Case {
                 let counts = match search {
                     VoxelSearch::Direct1 => steps == 0,
                     VoxelSearch::Direct7 => steps <= 1,
+                    VoxelSearch::Direct8 => offset.iter().all(|&o| o >= 0),
                     VoxelSearch::Direct27 => true,
                     VoxelSearch::Radius => d.norm() <= 1.0,
                 };
@@ -112,7 +117,7 @@ fn close(a: &Quadratic, b: &Quadratic) -> bool {
 
 #[test]
 fn every_search_sums_what_its_definition_says() {
-    for search in [VoxelSearch::Direct1, VoxelSearch::Direct7, VoxelSearch::Direct27, VoxelSearch::Radius] {
+    for search in ALL {
         for curvature in [0.0, 0.5, 1.0] {
             let mut case = case(Vector3::new(-5.3, 2.2, -0.4));
             let pose = case.pose;
