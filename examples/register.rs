@@ -87,24 +87,31 @@ type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 
 fn main() -> ExitCode {
     let args = Args::parse();
+    // In a pool of its own: a call from outside of any wakes a thread up for each loop.
+    let threads = usize::from(args.common.threads);
     agv_support::run(|| {
-        let pair = load::load(&args)?;
-        let mut method = args.method.build(&args)?;
-        let mut build = Timings::default();
-        for _ in 0..args.repeats {
-            build.time(|| method.set_target(&pair.target))?;
-        }
-        let mut report = Report::new("Alignment of two clouds");
-        report.text("method", args.method.name());
-        report.count("target_points", pair.target.len()).count("source_points", pair.source.len());
-        match args.basin {
-            Some(trials) => basin::run(&args, trials, &pair, method.as_mut(), &mut report)?,
-            None => once(&args, &pair, method.as_mut(), &mut report)?,
-        }
-        report.number("build_ms", build.milliseconds(0.0));
-        report.print(args.common.json)?;
-        Result::Ok(())
+        let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build()?;
+        Ok(pool.install(|| run(&args).map_err(|error| error.to_string()))?) as Result<()>
     })
+}
+
+fn run(args: &Args) -> Result<()> {
+    let pair = load::load(args)?;
+    let mut method = args.method.build(args)?;
+    let mut build = Timings::default();
+    for _ in 0..args.repeats {
+        build.time(|| method.set_target(&pair.target))?;
+    }
+    let mut report = Report::new("Alignment of two clouds");
+    report.text("method", args.method.name());
+    report.count("target_points", pair.target.len()).count("source_points", pair.source.len());
+    match args.basin {
+        Some(trials) => basin::run(args, trials, &pair, method.as_mut(), &mut report)?,
+        None => once(args, &pair, method.as_mut(), &mut report)?,
+    }
+    report.number("build_ms", build.milliseconds(0.0));
+    report.print(args.common.json)?;
+    Ok(())
 }
 
 fn once(args: &Args, pair: &load::Pair, method: &mut dyn Registration, report: &mut Report) -> Result<()> {

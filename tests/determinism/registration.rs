@@ -14,9 +14,10 @@ use agv_nav::ndt::{
 };
 
 fn digest(found: &Alignment<Se3>) -> Digest {
-    let pose = found.target_from_source;
-    let numbers = pose.translation().iter().chain(pose.rotation().matrix().iter()).chain(found.information.iter());
-    let numbers = numbers.copied().chain([found.score, found.inlier_ratio]).map(f64::to_bits).collect::<Vec<_>>();
+    let (translation, rotation) =
+        (found.target_from_source.translation(), found.target_from_source.rotation().matrix());
+    let numbers = translation.iter().chain(rotation.iter()).chain(found.information.iter());
+    let numbers = numbers.copied().chain([found.score, found.inlier_ratio]).map(f64::to_bits);
     Digest::new().bits(numbers).integers([found.iterations as i64])
 }
 

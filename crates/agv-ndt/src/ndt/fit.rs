@@ -8,12 +8,12 @@
 //! distribution's information relative to its trace, squared: a surface counts its normal once, and what is ten times as wide
 //! counts a hundredth. What that says of directions is in [`Facing`].
 
-use super::kernel::{Block, Frame, LANES, Moved, turn};
+use super::kernel::{Block, CHUNK, Frame, LANES, Moved, turn};
 use super::objective::ScoreObjective;
-use super::search::{MAX_BLOCKS, NOTHING, UNKNOWN, gather};
+use super::search::{MAX_BLOCKS, UNKNOWN, gather};
 use crate::cells::pack;
 use crate::registration::Facing;
-use agv_core::{compute::CHUNK, geometry::Se3};
+use agv_core::geometry::Se3;
 use nalgebra::{Matrix3, Matrix6, Vector3};
 
 /// 95 % quantile of χ² with three degrees of freedom.
@@ -88,15 +88,15 @@ impl ScoreObjective<'_> {
             let cell = [moved.cell[0][i], moved.cell[1][i], moved.cell[2][i]];
             let Some(key) = pack(cell) else { continue };
             let y = [moved.y[0][i], moved.y[1][i], moved.y[2][i]];
-            let nearest = match self.surroundings.first_block(key) {
-                NOTHING => None,
-                UNKNOWN => {
-                    own.fill(Block::default());
-                    gather(self.level, self.search, self.surroundings.origin, cell, &mut own);
-                    nearest(frame, y, &own)
-                }
-                first => nearest(frame, y, self.surroundings.blocks(first, self.search.blocks())),
+            let number = self.surroundings.number(key);
+            let blocks = if number == UNKNOWN {
+                own.fill(Block::default());
+                gather(self.level, self.search, self.surroundings.origin, cell, &mut own[..self.search.blocks()]);
+                &own[..self.search.blocks()]
+            } else {
+                self.surroundings.blocks(number, self.search)
             };
+            let nearest = nearest(frame, y, blocks);
             let Some((distance, block, lane)) = nearest else { continue };
             sums.matches += 1;
             sums.inliers += usize::from(distance <= INLIER);

@@ -20,9 +20,11 @@
 use super::mixture::Mixture;
 use super::search::VoxelSearch;
 use crate::registration::quadratic::{MotionSums, SUMS};
-use agv_core::compute::CHUNK;
 use agv_core::geometry::Se3;
 use nalgebra::Vector3;
+
+/// Points per parallel chunk. A coarse level has few points, and a chunk of them takes microseconds.
+pub(crate) const CHUNK: usize = 128;
 
 /// Distributions side by side.
 pub(crate) const LANES: usize = 8;
@@ -55,6 +57,14 @@ pub(crate) struct Frame {
     curvature: f32,
     /// Distributions whose mean is farther, squared, do not count.
     reach_squared: f32,
+}
+
+impl Block {
+    /// Whether there is no distribution in it: lanes are taken in order.
+    #[inline(always)]
+    pub(crate) fn is_empty(&self) -> bool {
+        self.weight[0] == 0.0
+    }
 }
 
 impl Frame {

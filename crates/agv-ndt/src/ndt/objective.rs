@@ -1,16 +1,12 @@
 //! The score of a cloud against one level of a map, as a cost over poses.
 
-use super::kernel::{Block, Frame, LaneSums, Moved, accumulate, turn};
+use super::kernel::{Block, CHUNK, Frame, LaneSums, Moved, accumulate, turn};
 use super::level::Level;
 use super::mixture::Mixture;
-use super::search::{MAX_BLOCKS, NOTHING, Surroundings, UNKNOWN, VoxelSearch, gather};
+use super::search::{MAX_BLOCKS, Surroundings, UNKNOWN, VoxelSearch, gather};
 use crate::cells::{floor, pack, unpack};
 use crate::registration::{Objective, Quadratic, quadratic::MotionSums};
-use agv_core::{
-    compute::{CHUNK, Par},
-    geometry::Se3,
-    sensors::PointSource,
-};
+use agv_core::{compute::Par, geometry::Se3, sensors::PointSource};
 use nalgebra::Vector3;
 use pulp::Arch;
 
@@ -113,9 +109,10 @@ impl ScoreObjective<'_> {
             for (i, (key, block)) in keys.iter_mut().zip(blocks).enumerate() {
                 let cell = [moved.cell[0][i], moved.cell[1][i], moved.cell[2][i]];
                 let Some(packed) = pack(cell) else { continue };
-                (*key, *block) = (packed, surroundings.make(self.level, self.search, cell, packed));
+                (*key, *block) = (packed, surroundings.enter(cell, packed));
             }
         }
+        surroundings.fill(self.level, self.search, self.par);
     }
 
     /// Makes the blocks of voxels that points have come to since.
@@ -124,9 +121,10 @@ impl ScoreObjective<'_> {
         let source = &mut *self.source;
         for (&key, block) in source.key.iter().zip(&mut source.block).filter(|(_, block)| **block == UNKNOWN) {
             if key != NO_KEY {
-                *block = self.surroundings.make(self.level, self.search, unpack(key), key);
+                *block = self.surroundings.enter(unpack(key), key);
             }
         }
+        self.surroundings.fill(self.level, self.search, self.par);
     }
 
     pub(super) fn frame(&self, pose: &Se3) -> Frame {
@@ -180,31 +178,30 @@ impl pulp::NullaryFnOnce for Chunk<'_> {
     fn call(self) -> (MotionSums, usize) {
         let Self { frame, level, surroundings, search, points, keys, blocks } = self;
         let (mut moved, mut sums, mut unknown) = (Moved::new(), LaneSums::new(), 0);
+        let mut own = [Block::default(); MAX_BLOCKS];
         turn(frame, points, &mut moved);
         for (i, (key, block)) in keys.iter_mut().zip(blocks).enumerate() {
             let cell = [moved.cell[0][i], moved.cell[1][i], moved.cell[2][i]];
             let Some(packed) = pack(cell) else { continue };
             if packed != *key {
-                (*key, *block) = (packed, surroundings.first_block(packed));
+                (*key, *block) = (packed, surroundings.number(packed));
             }
             let y = [moved.y[0][i], moved.y[1][i], moved.y[2][i]];
-            match *block {
-                NOTHING => {}
-                UNKNOWN => {
-                    // Not seen from where the search began: made for this point alone.
-                    unknown += 1;
-                    let mut own = [Block::default(); MAX_BLOCKS];
-                    if gather(level, search, surroundings.origin, cell, &mut own) {
-                        sums.met();
-                        own.iter().take(search.blocks()).for_each(|block| accumulate(frame, y, block, &mut sums));
-                    }
-                }
-                first => {
-                    sums.met();
-                    for block in surroundings.blocks(first, search.blocks()) {
-                        accumulate(frame, y, block, &mut sums);
-                    }
-                }
+            let blocks = if *block == UNKNOWN {
+                // Not seen from where the search began: made for this point alone.
+                unknown += 1;
+                own.fill(Block::default());
+                gather(level, search, surroundings.origin, cell, &mut own[..search.blocks()]);
+                &own[..search.blocks()]
+            } else {
+                surroundings.blocks(*block, search)
+            };
+            if blocks.first().is_none_or(Block::is_empty) {
+                continue;
+            }
+            sums.met();
+            for block in blocks {
+                accumulate(frame, y, block, &mut sums);
             }
         }
         (sums.total(), unknown)

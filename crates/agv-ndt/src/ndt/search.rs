@@ -1,8 +1,9 @@
 //! Which distributions a point feels.
 
-use super::kernel::{Block, LANES};
+use super::kernel::{Block, CHUNK, LANES};
 use super::level::Level;
 use crate::cells::{CellTable, pack};
+use agv_core::compute::Par;
 
 /// Which distributions around a point count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
@@ -74,54 +75,70 @@ const CORNER: [[i32; 3]; 8] = [[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0], [0, 0
 /// Blocks for 27 distributions.
 pub(super) const MAX_BLOCKS: usize = 27_usize.div_ceil(LANES);
 
-/// There is nothing around the voxel.
-pub(super) const NOTHING: u32 = u32::MAX;
 /// The voxel has not been looked at yet.
-pub(super) const UNKNOWN: u32 = u32::MAX - 1;
+pub(super) const UNKNOWN: u32 = u32::MAX;
 
 /// Blocks of the voxels that points have met, made once and kept: points move little between evaluations.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Surroundings {
     /// Voxel that coordinates are relative to.
     pub(super) origin: [i32; 3],
+    /// Numbers of the voxels that were entered, and their cells from the origin.
     table: CellTable,
+    cells: Vec<[i32; 3]>,
+    /// As many for each voxel as the search needs; behind the last voxel's they are stale.
     blocks: Vec<Block>,
+    filled: usize,
 }
 
 impl Surroundings {
-    /// Forgets all blocks; the memory stays.
+    /// Forgets all voxels; the memory stays.
     pub(super) fn clear(&mut self, origin: [i32; 3]) {
         self.origin = origin;
         self.table.clear();
-        self.blocks.clear();
+        self.cells.clear();
+        self.filled = 0;
     }
 
-    /// First block of a voxel, by its key from the origin: [`NOTHING`], or [`UNKNOWN`] if it was not made.
+    /// Number of a voxel, by its key from the origin; [`UNKNOWN`] if it was not entered.
     #[inline]
-    pub(super) fn first_block(&self, key: u64) -> u32 {
+    pub(super) fn number(&self, key: u64) -> u32 {
         self.table.get(key).unwrap_or(UNKNOWN)
     }
 
-    /// The blocks from `first` on.
+    /// The blocks of a voxel, by its number.
     #[inline]
-    pub(super) fn blocks(&self, first: u32, count: usize) -> &[Block] {
-        let first = first as usize;
+    pub(super) fn blocks(&self, number: u32, search: VoxelSearch) -> &[Block] {
+        let (first, count) = (number as usize * search.blocks(), search.blocks());
         self.blocks.get(first..first + count).unwrap_or_default()
     }
 
-    /// Makes the blocks of a voxel, given from the origin, if they are not there, and says where they are.
-    pub(super) fn make(&mut self, level: &Level, search: VoxelSearch, cell: [i32; 3], key: u64) -> u32 {
-        let known = self.first_block(key);
-        if known != UNKNOWN {
-            return known;
+    /// Enters a voxel, given from the origin, if it is new, and says its number; its blocks are made by [`fill`](Self::fill).
+    #[inline]
+    pub(super) fn enter(&mut self, cell: [i32; 3], key: u64) -> u32 {
+        let next = self.cells.len() as u32;
+        let number = self.table.get_or_insert(key, next);
+        if number == next {
+            self.cells.push(cell);
         }
-        let first = self.blocks.len();
-        self.blocks.resize(first + search.blocks(), Block::default());
-        let found = gather(level, search, self.origin, cell, &mut self.blocks[first..]);
-        if !found {
-            self.blocks.truncate(first);
+        number
+    }
+
+    /// Makes the blocks of the voxels that were entered since the last time.
+    pub(super) fn fill(&mut self, level: &Level, search: VoxelSearch, par: Par) {
+        let (each, origin) = (search.blocks(), self.origin);
+        if self.blocks.len() < self.cells.len() * each {
+            self.blocks.resize(self.cells.len() * each, Block::default());
         }
-        self.table.get_or_insert(key, if found { first as u32 } else { NOTHING })
+        let new = self.filled * each..self.cells.len() * each;
+        let cells = &self.cells[self.filled..];
+        par.for_each_chunk(&mut self.blocks[new], CHUNK * each, |chunk, blocks| {
+            for (blocks, cell) in blocks.chunks_mut(each).zip(&cells[chunk * CHUNK..]) {
+                blocks.fill(Block::default());
+                gather(level, search, origin, *cell, blocks);
+            }
+        });
+        self.filled = self.cells.len();
     }
 }
 
