@@ -26,27 +26,29 @@ const NO_KEY: u64 = u64::MAX;
 impl SourcePoints {
     /// Takes the finite points of a source; the memory is used again.
     pub(super) fn refill(&mut self, source: &(impl PointSource + ?Sized)) {
-        self.clear();
-        for index in 0..source.len() {
-            let point = source.point(index);
-            if point.x.is_finite() && point.y.is_finite() && point.z.is_finite() {
-                self.push(&point);
-            }
+        self.clear(source.len());
+        let finite = |point: &Vector3<f32>| point.x.is_finite() && point.y.is_finite() && point.z.is_finite();
+        for point in (0..source.len()).map(|index| source.point(index)).filter(finite) {
+            self.push(&point);
         }
+        self.forget();
     }
 
     /// Takes every `stride`-th point of another.
     pub(super) fn thin(&mut self, other: &Self, stride: usize) {
-        self.clear();
-        for index in (0..other.len()).step_by(stride.max(1)) {
-            self.push(&other.point(index));
-        }
+        let stride = stride.max(1);
+        self.clear(other.len() / stride + 1);
+        self.x.extend(other.x.iter().step_by(stride));
+        self.y.extend(other.y.iter().step_by(stride));
+        self.z.extend(other.z.iter().step_by(stride));
+        self.forget();
     }
 
     pub(super) const fn len(&self) -> usize {
         self.x.len()
     }
 
+    #[cfg(test)]
     pub(super) fn point(&self, index: usize) -> Vector3<f32> {
         Vector3::new(self.x[index], self.y[index], self.z[index])
     }
@@ -55,24 +57,23 @@ impl SourcePoints {
         [&self.x, &self.y, &self.z]
     }
 
-    fn clear(&mut self) {
-        self.x.clear();
-        self.y.clear();
-        self.z.clear();
-        self.key.clear();
-        self.block.clear();
+    fn clear(&mut self, room: usize) {
+        for coordinates in [&mut self.x, &mut self.y, &mut self.z] {
+            coordinates.clear();
+            coordinates.reserve(room);
+        }
     }
 
     fn push(&mut self, point: &Vector3<f32>) {
         self.x.push(point.x);
         self.y.push(point.y);
         self.z.push(point.z);
-        self.key.push(NO_KEY);
-        self.block.push(UNKNOWN);
     }
 
-    fn forget_blocks(&mut self) {
-        self.key.fill(NO_KEY);
+    /// No point has a voxel yet.
+    fn forget(&mut self) {
+        self.key.resize(self.x.len(), NO_KEY);
+        self.block.resize(self.x.len(), UNKNOWN);
     }
 }
 
@@ -94,23 +95,32 @@ impl ScoreObjective<'_> {
     pub(super) fn prepare(&mut self, pose: &Se3) {
         let origin = (pose.translation() / self.level.edge).map(floor);
         self.surroundings.clear([origin.x, origin.y, origin.z]);
-        self.source.forget_blocks();
         let frame = self.frame(pose);
-        let mut moved = Moved::new();
         let (surroundings, arch) = (&mut *self.surroundings, self.arch);
         let source = &mut *self.source;
-        let chunks = source.x.chunks(CHUNK).zip(source.y.chunks(CHUNK)).zip(source.z.chunks(CHUNK));
-        let places = source.key.chunks_mut(CHUNK).zip(source.block.chunks_mut(CHUNK));
-        for (((x, y), z), (keys, blocks)) in chunks.zip(places) {
-            arch.dispatch(
-                #[inline(always)]
-                || turn(&frame, [x, y, z], &mut moved),
-            );
-            for (i, (key, block)) in keys.iter_mut().zip(blocks).enumerate() {
-                let cell = [moved.cell[0][i], moved.cell[1][i], moved.cell[2][i]];
-                let Some(packed) = pack(cell) else { continue };
-                (*key, *block) = (packed, surroundings.enter(cell, packed));
+        let points = (source.x.as_slice(), source.y.as_slice(), source.z.as_slice());
+        self.par.for_each_chunk(
+            (points.0, points.1, points.2, source.key.as_mut_slice()),
+            CHUNK,
+            |_, (x, y, z, keys)| {
+                let mut moved = Moved::new();
+                arch.dispatch(
+                    #[inline(always)]
+                    || turn(&frame, [x, y, z], &mut moved),
+                );
+                for (i, key) in keys.iter_mut().enumerate() {
+                    *key = pack([moved.cell[0][i], moved.cell[1][i], moved.cell[2][i]]).unwrap_or(NO_KEY);
+                }
+            },
+        );
+        // Neighbours mostly share a voxel: the last one is tried before the table.
+        let (mut last_key, mut last_block) = (NO_KEY, UNKNOWN);
+        for (&key, block) in source.key.iter().zip(&mut source.block) {
+            if key != last_key {
+                last_key = key;
+                last_block = if key == NO_KEY { UNKNOWN } else { surroundings.enter(unpack(key), key) };
             }
+            *block = last_block;
         }
         surroundings.fill(self.level, self.search, self.par);
     }
