@@ -119,6 +119,7 @@ pub(crate) fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
 mod tests {
     use super::*;
     use agv_core::geometry::{LieGroup, So3};
+    use num_dual::{DualNum, HyperDual64 as D};
     use proptest::prelude::*;
 
     /// A well around a mean that is no sphere, with its derivatives.
@@ -138,8 +139,56 @@ mod tests {
         sums.quadratic(pose, 1.0)
     }
 
+    /// The cost at `pose ⊕ increment`, in hyper-dual numbers: value, two slopes and their mixed derivative in one evaluation.
+    ///
+    /// The exponential is the polynomial of the closed form in the angle's square, exact to the second order.
+    fn dual_cost(pose: &Se3, points: &[Vector3<f64>], increment: [D; 6]) -> D {
+        let cross =
+            |a: [D; 3], b: [D; 3]| [a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]];
+        let [a, b, c, d, e, f] = increment;
+        let (rho, theta) = ([a, b, c], [d, e, f]);
+        let square = d * d + e * e + f * f;
+        let series = |first: f64, second: f64| D::from(first) - square * second;
+        let turned = |v: [D; 3], one: D, two: D| {
+            let (w, ww) = (cross(theta, v), cross(theta, cross(theta, v)));
+            [0, 1, 2].map(|i| v[i] + w[i] * one + ww[i] * two)
+        };
+        let shift = turned(rho, series(0.5, 1.0 / 24.0), series(1.0 / 6.0, 1.0 / 120.0));
+        let (r, t) = (pose.rotation().matrix(), pose.translation());
+        let mean = [2.0, -1.0, 0.5];
+        let information = [[3.0, 0.4, -0.2], [0.4, 1.0, 0.3], [-0.2, 0.3, 0.5]];
+        points.iter().fold(D::from(0.0), |sum, p| {
+            let p = turned([D::from(p.x), D::from(p.y), D::from(p.z)], series(1.0, 1.0 / 6.0), series(0.5, 1.0 / 24.0));
+            let d = [0, 1, 2].map(|i| (0..3).fold(D::from(t[i] - mean[i]), |x, j| x + (p[j] + shift[j]) * r[(i, j)]));
+            let distance = (0..9).fold(D::from(0.0), |m, k| m + d[k / 3] * d[k % 3] * information[k / 3][k % 3]);
+            sum - (distance * -0.3).exp()
+        })
+    }
+
     proptest! {
-        /// Gradient and Hessian of the cost over right increments, against differences of the cost alone.
+        /// Gradient and Hessian of the cost over right increments are those of dual numbers, to rounding.
+        #[test]
+        fn derivatives_are_those_of_dual_numbers(
+            turn in prop::array::uniform3(-2.0..2.0_f64), shift in prop::array::uniform3(-1.0..1.0_f64),
+            points in prop::collection::vec(prop::array::uniform3(-2.0..2.0_f64), 1..5),
+        ) {
+            let pose = Se3::from_parts(Vector3::from(shift), So3::exp(&Vector3::from(turn)));
+            let points: Vec<_> = points.into_iter().map(Vector3::from).collect();
+            let found = cost(&pose, &points);
+            for i in 0..6 {
+                for j in 0..6 {
+                    let mut increment = [D::from(0.0); 6];
+                    increment[i] = increment[i] + D::new(0.0, 1.0, 0.0, 0.0);
+                    increment[j] = increment[j] + D::new(0.0, 0.0, 1.0, 0.0);
+                    let dual = dual_cost(&pose, &points, increment);
+                    prop_assert!((found.cost - dual.re).abs() < 1e-12);
+                    prop_assert!((found.gradient[i] - dual.eps1).abs() < 1e-12);
+                    prop_assert!((found.hessian[(i, j)] - dual.eps1eps2).abs() < 1e-11, "{i} {j} {} {}", found.hessian[(i, j)], dual.eps1eps2);
+                }
+            }
+        }
+
+        /// ... and of differences of the cost alone, over the exponential of the group.
         #[test]
         fn derivatives_are_those_of_the_cost(
             turn in prop::array::uniform3(-2.0..2.0_f64), shift in prop::array::uniform3(-1.0..1.0_f64),
