@@ -35,7 +35,8 @@ pub struct NdtParams {
 
 impl Default for NdtParams {
     /// Two coarse levels (4 m and 2 m), from which every guess within 2 m and 20° was found on the recorded pairs that were tried. A
-    /// share of outliers of 0.3 and not PCL's 0.55: the score is sharper, and was closer to the reference on most of seven pairs.
+    /// share of outliers of 0.3 and not PCL's 0.55: the score is sharper, and was closer to the reference on most of seven pairs. On
+    /// those pairs right poses have inliers of 0.63 to 0.82, and wrong ones, from 180 guesses 2 to 10 m off, at most 0.52.
     fn default() -> Self {
         Self {
             voxels: VoxelParams::default(),
@@ -47,7 +48,7 @@ impl Default for NdtParams {
             optimizer: Optimizer::TrustRegion,
             descent: DescentParams::default(),
             restarts: 2,
-            min_inlier_ratio: 0.5,
+            min_inlier_ratio: 0.55,
             min_facing_share: 0.01,
         }
     }

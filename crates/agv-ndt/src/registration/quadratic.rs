@@ -178,8 +178,8 @@ mod tests {
             for i in 0..6 {
                 for j in 0..6 {
                     let mut increment = [D::from(0.0); 6];
-                    increment[i] = increment[i] + D::new(0.0, 1.0, 0.0, 0.0);
-                    increment[j] = increment[j] + D::new(0.0, 0.0, 1.0, 0.0);
+                    increment[i] += D::new(0.0, 1.0, 0.0, 0.0);
+                    increment[j] += D::new(0.0, 0.0, 1.0, 0.0);
                     let dual = dual_cost(&pose, &points, increment);
                     prop_assert!((found.cost - dual.re).abs() < 1e-12);
                     prop_assert!((found.gradient[i] - dual.eps1).abs() < 1e-12);
