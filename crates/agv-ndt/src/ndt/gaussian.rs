@@ -92,11 +92,21 @@ impl VoxelSums {
         if n == 0 {
             return None;
         }
-        // n Σ xy - Σ x Σ y is exact in 128 bits, where the difference of rounded sums would cancel.
         let scale = 1.0 / (n as f64 * STEPS * STEPS);
         let [x, y, z] = self.linear;
-        let scatter = |sum: u64, a: u64, b: u64| (n * i128::from(sum) - i128::from(a) * i128::from(b)) as f64 * scale;
         let [xx, xy, xz, yy, yz, zz] = self.products;
+        // n Σ xy - Σ x Σ y is exact in integers, where the difference of rounded sums would cancel. All products are at most the
+        // greatest n Σ xx (Cauchy), which mostly needs 64 bits alone.
+        let bits = |value: u64| u64::BITS - value.leading_zeros();
+        let short = bits(u64::from(self.count)) + bits(xx.max(yy).max(zz)) < u64::BITS - 1;
+        let scatter = |sum: u64, a: u64, b: u64| {
+            let difference = if short {
+                (i64::from(self.count) * sum as i64 - a as i64 * b as i64) as f64
+            } else {
+                (n * i128::from(sum) - i128::from(a) * i128::from(b)) as f64
+            };
+            difference * scale
+        };
         let (xy, xz, yz) = (scatter(xy, x, y), scatter(xz, x, z), scatter(yz, y, z));
         let matrix = Matrix3::new(scatter(xx, x, x), xy, xz, xy, scatter(yy, y, y), yz, xz, yz, scatter(zz, z, z));
         // A point lies somewhere in its step: half a step on average.

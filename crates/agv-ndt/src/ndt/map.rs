@@ -12,7 +12,7 @@ use nalgebra::{Matrix3, Vector3};
 /// A map that clouds are added to, and that can be merged with others of the same voxels: in any order, to the same bits.
 ///
 /// Voxel `(i, j, k)` spans `i` to `i + 1` times the resolution along x, and so on; there is no bound but 2²⁰ voxels to either
-/// side of the origin. 100 bytes a voxel; adding is linear in the points.
+/// side of the origin. About 150 bytes a voxel; adding is linear in the points.
 ///
 /// ```
 /// use agv_core::{geometry::Se3, nalgebra::Vector3, sensors::PointCloud};
