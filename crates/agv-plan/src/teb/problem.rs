@@ -103,10 +103,10 @@ impl Problem<'_> {
                 if i < ROTATING && self.rotation != 0.0 {
                     Rotation { side: self.rotation, weight: w.rotation }.residuals(window, out);
                 }
-                if i == 0 && !holonomic {
+                if i == 0 {
                     self.end(&self.start, false).residuals(window, out);
                 }
-                if i + 2 == poses && self.stops && !holonomic {
+                if i + 2 == poses && self.stops {
                     self.end(&Twist2::ZERO, true).residuals(window, out);
                 }
             }
@@ -139,7 +139,8 @@ impl Problem<'_> {
         let yaw_acceleration =
             if self.limits.steering.is_some() { f64::INFINITY } else { self.limits.twist.yaw_acceleration };
         let limits = TwistLimits { yaw_acceleration, ..self.limits.twist };
-        EndSpeed { speed: twist.vx, yaw_rate: twist.yaw_rate, limits, at_end, weight: self.params.weights.acceleration }
+        let (sideways, weight) = (self.limits.is_holonomic(), self.params.weights.acceleration);
+        EndSpeed { twist: *twist, limits, sideways, at_end, weight }
     }
 
     /// Half the sum of the squared residuals, and the normal equations, in which what is given is tied to its place.

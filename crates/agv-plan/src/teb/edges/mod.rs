@@ -75,7 +75,7 @@ impl<const K: usize> Term<K> {
 mod tests {
     use super::*;
     use agv_core::{
-        geometry::Se2,
+        geometry::{Se2, Twist2},
         grid::{Cell, CellState, Costmap, Grid, GridLayout, LocalMap, LocalMapParams, cost},
         kinematics::{MotionLimits, SteeringLimits, TwistLimits},
         obstacle::{Hull, MovingObstacle},
@@ -154,8 +154,9 @@ mod tests {
             check(&TurningRadius { max_curvature: 0.5, weight: 7.0 }, &window, 1e-5);
             check(&SteeringRate { curvature_rate: 0.3, weight: 7.0 }, &window, 1e-4);
             check(&Acceleration::new(&limits, 0.9, 2.0), &window, 1e-4);
-            check(&EndSpeed { speed: 0.2, yaw_rate: 0.1, limits: limits.twist, at_end: false, weight: 2.0 }, &window, 1e-4);
-            check(&EndSpeed { speed: 0.0, yaw_rate: 0.0, limits: limits.twist, at_end: true, weight: 2.0 }, &window, 1e-4);
+            let (start, goal) = (Twist2::new(0.2, -0.1, 0.1), Twist2::ZERO);
+            check(&EndSpeed { twist: start, limits: limits.twist, sideways: true, at_end: false, weight: 2.0 }, &window, 1e-4);
+            check(&EndSpeed { twist: goal, limits: limits.twist, sideways: false, at_end: true, weight: 2.0 }, &window, 1e-4);
             let free = MotionLimits { steering: None, ..limits };
             check(&Speed::new(&free, 0.0, 3.0, 5.0), &window, 1e-5);
             check(&Acceleration::new(&free, 0.9, 2.0), &window, 1e-4);
