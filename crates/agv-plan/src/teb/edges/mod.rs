@@ -11,6 +11,8 @@
 //! Limits are hinges: nothing within, linear beyond, their square in the cost.
 
 mod acceleration;
+#[cfg(test)]
+mod dual;
 mod guide;
 mod motion;
 mod obstacle;
@@ -127,7 +129,7 @@ mod tests {
         !said(&window).is_empty()
     }
 
-    fn windows() -> impl Strategy<Value = [f64; 11]> {
+    pub(super) fn windows() -> impl Strategy<Value = [f64; 11]> {
         let step = || (0.05..0.4_f64, -0.3..0.3_f64, -0.6..0.6_f64, 0.05..0.5_f64, 0.05..0.5_f64);
         (step(), step(), -3.0..3.0_f64).prop_map(|(a, b, yaw)| {
             let (c, s) = (yaw.cos(), yaw.sin());
@@ -137,7 +139,7 @@ mod tests {
         })
     }
 
-    fn limits() -> MotionLimits {
+    pub(super) fn limits() -> MotionLimits {
         let twist = TwistLimits { forward_speed: 0.4, yaw_rate: 0.4, lateral_speed: 0.1, ..TwistLimits::default() };
         MotionLimits { twist, steering: Some(SteeringLimits::default()), lateral_acceleration: Some(0.1) }
     }
