@@ -14,15 +14,16 @@
 //! swept. The band says where to go; the roll-out says what is true.
 
 mod band;
-mod classes;
 mod drive;
 pub mod edges;
+mod lanes;
 mod line;
 mod params;
 mod planner;
 mod problem;
 mod rollout;
 mod sample;
+mod signature;
 mod slot;
 mod solver;
 

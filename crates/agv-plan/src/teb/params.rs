@@ -35,6 +35,9 @@ pub struct TebParams {
     pub switch_share: f64,
     /// How far to the side of the path ways around obstacles are looked for, in metres; zero to keep to the path.
     pub max_detour: f64,
+    /// Most ways around obstacles that are optimised in one cycle, each of another homotopy class: the least detours first. Zero
+    /// to keep to the path.
+    pub max_ways: usize,
     /// What the residuals weigh.
     pub weights: TebWeights,
 }
@@ -107,6 +110,7 @@ impl TebParams {
             cold_iterations: 30,
             switch_share: 0.75,
             max_detour: 2.5,
+            max_ways: 3,
             weights: TebWeights::default(),
             footprint,
         }
@@ -131,6 +135,7 @@ impl TebParams {
         check::at_least("cold_iterations", self.cold_iterations, 1)?;
         check::in_range("switch_share", self.switch_share, 0.0, 1.0)?;
         check::in_range("max_detour", self.max_detour, 0.0, 1000.0)?;
+        check::in_range("max_ways", self.max_ways as f64, 0.0, 64.0)?;
         let w = &self.weights;
         for (name, weight) in [
             ("time weight", w.time),
@@ -178,6 +183,7 @@ mod tests {
             }
         }
         assert!(TebParams { horizon: 0.0, ..good.clone() }.validate().is_err());
+        assert!(TebParams { max_ways: 1000, ..good.clone() }.validate().is_err());
         assert!(TebParams { cold_iterations: 0, ..good }.validate().is_err());
     }
 }

@@ -2,11 +2,12 @@
 
 use super::{
     band::Band,
-    classes::Sample,
     edges::Circle,
+    lanes::Lanes,
     line::Ground,
     params::TebParams,
     rollout::{Rollout, Task},
+    sample::Sample,
     slot::Slot,
     solver::BandReport,
 };
@@ -75,9 +76,10 @@ pub struct Teb {
     pub(super) via: Vec<Vector2<f64>>,
     pub(super) rotation: f64,
     pub(super) samples: Vec<Sample>,
+    pub(super) lanes: Lanes,
     pub(super) offsets: Vec<f64>,
     pub(super) scratch: Vec<[f64; 4]>,
-    /// The way of the last cycle, that along the path, and those to the left and to the right of it.
+    /// The way of the last cycle, that along the path, and those around what blocks it.
     pub(super) slots: Vec<Slot>,
     /// The band that was followed last, if any.
     pub(super) last: Band,
@@ -128,6 +130,7 @@ impl Teb {
         if circles.is_empty() {
             circles.push(Circle { center: Vector2::zeros(), radius: footprint.circumscribed_radius() });
         }
+        let slots = vec![Slot::new(); 2 + params.max_ways];
         Ok(Self {
             params,
             par: Par::Seq,
@@ -138,9 +141,10 @@ impl Teb {
             via: Vec::new(),
             rotation: 0.0,
             samples: Vec::new(),
+            lanes: Lanes::default(),
             offsets: Vec::new(),
             scratch: Vec::new(),
-            slots: vec![Slot::new(); 4],
+            slots,
             last: Band::new(),
             hold: Rollout::default(),
             guard,

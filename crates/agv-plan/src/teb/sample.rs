@@ -1,12 +1,30 @@
 //! The path ahead, as bands are made of.
 
-use super::{classes::Sample, line::Ground};
+use super::line::Ground;
 use agv_core::{
     geometry::angle_difference,
     path::{Course, PathPoint},
     roles::LocalPlanRequest,
 };
+use nalgebra::Vector2;
 use std::f64::consts::PI;
+
+/// A point of the path ahead.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sample {
+    pub(super) position: Vector2<f64>,
+    /// Heading of the base.
+    pub(super) yaw: f64,
+    /// Direction of travel.
+    pub(super) direction: f64,
+}
+
+impl Sample {
+    /// To the left of the direction of travel, of length one.
+    pub(super) fn across(&self) -> Vector2<f64> {
+        Vector2::new(-self.direction.sin(), self.direction.cos())
+    }
+}
 
 /// Distance of a goal nearby, in spacings of the band.
 const NEARBY: f64 = 4.0;
