@@ -17,6 +17,8 @@ pub struct TebParams {
     pub turn: f64,
     /// Clearance that the band keeps from obstacles wherever there is room, in metres.
     pub clearance: f64,
+    /// Clearance beyond that, which it is drawn to by the weight of [`TebWeights::inflation`], in metres; zero for none.
+    pub inflation: f64,
     /// Clearance below which the vehicle drives more slowly, in metres.
     pub caution: f64,
     /// Speed at no clearance at all, in metres per second.
@@ -62,6 +64,8 @@ pub struct TebWeights {
     pub turning_radius: f64,
     /// Clearance missing.
     pub obstacle: f64,
+    /// Clearance missing to [`TebParams::inflation`].
+    pub inflation: f64,
     /// Clearance missing to obstacles that move.
     pub moving: f64,
     /// Distance to points to pass.
@@ -83,6 +87,7 @@ impl Default for TebWeights {
             gear: 100.0,
             turning_radius: 100.0,
             obstacle: 50.0,
+            inflation: 0.1,
             moving: 50.0,
             via: 1.0,
             rotation: 10.0,
@@ -101,6 +106,7 @@ impl TebParams {
             spacing: (0.5 * radius).clamp(0.1, 0.3),
             turn: 0.4,
             clearance: 0.12,
+            inflation: 0.0,
             caution: 0.3,
             cautious_speed: 0.5,
             acceleration_share: 0.85,
@@ -126,6 +132,7 @@ impl TebParams {
         check::in_range("horizon (poses)", self.horizon / self.spacing, 1.0, 10_000.0)?;
         check::in_range("turn", self.turn, 1e-3, std::f64::consts::PI)?;
         check::non_negative("clearance", self.clearance)?;
+        check::non_negative("inflation", self.inflation)?;
         check::non_negative("caution", self.caution)?;
         check::positive("cautious_speed", self.cautious_speed)?;
         check::in_range("acceleration_share", self.acceleration_share, 0.01, 1.0)?;
@@ -146,6 +153,7 @@ impl TebParams {
             ("gear weight", w.gear),
             ("turning radius weight", w.turning_radius),
             ("obstacle weight", w.obstacle),
+            ("inflation weight", w.inflation),
             ("moving weight", w.moving),
             ("via weight", w.via),
             ("rotation weight", w.rotation),
@@ -170,6 +178,7 @@ mod tests {
                 ("spacing", TebParams { spacing: bad, ..good.clone() }),
                 ("turn", TebParams { turn: bad, ..good.clone() }),
                 ("clearance", TebParams { clearance: bad, ..good.clone() }),
+                ("inflation", TebParams { inflation: bad, ..good.clone() }),
                 ("caution", TebParams { caution: bad, ..good.clone() }),
                 ("cautious_speed", TebParams { cautious_speed: bad, ..good.clone() }),
                 ("acceleration_share", TebParams { acceleration_share: bad, ..good.clone() }),

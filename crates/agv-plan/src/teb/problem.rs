@@ -59,8 +59,14 @@ impl Problem<'_> {
         let acceleration = Acceleration::new(self.limits, share, w.acceleration);
         let curvature_rate = self.limits.steering.map(|steering| share * steering.max_rate / steering.wheelbase);
         let steering = curvature_rate.map(|curvature_rate| SteeringRate { curvature_rate, weight: w.acceleration });
-        let clear =
-            Clearance { map: self.map, circles: self.circles, clearance: self.params.clearance, weight: w.obstacle };
+        let clear = Clearance {
+            map: self.map,
+            circles: self.circles,
+            clearance: self.params.clearance,
+            weight: w.obstacle,
+            inflation: self.params.inflation,
+            inflation_weight: w.inflation,
+        };
         let cautious = self.cautious();
         let holonomic = self.limits.is_holonomic();
         let heading = |i: usize| {

@@ -201,9 +201,16 @@ proptest! {
         let on_map = |w: &[Dual64], circle: &Circle| {
             clearance(w, circle, |point| map.distance_at(point)).map(|c| c - 0.025)
         };
-        let edge = Clearance { map: &map, circles: &circles, clearance: 0.5, weight: 4.0 };
+        let edge = Clearance {
+            map: &map,
+            circles: &circles,
+            clearance: 0.5,
+            weight: 4.0,
+            inflation: 0.7,
+            inflation_weight: 0.25,
+        };
         agrees(&edge, &window, true, |w: &[_; 3]| {
-            circles.iter().filter_map(|circle| on_map(w, circle)).map(|c| (-c + 0.5) * 2.0).collect()
+            circles.iter().filter_map(|circle| on_map(w, circle)).flat_map(|c| [(-c + 0.5) * 2.0, (-c + 0.7) * 0.5]).collect()
         });
         let edge = CautiousSpeed { map: &map, circles: &circles, speed: 0.2, caution: 0.6, per_metre: 1.5, weight: 4.0 };
         agrees(&edge, &window, true, |w: &[_; 7]| {

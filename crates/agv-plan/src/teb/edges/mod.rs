@@ -187,7 +187,9 @@ mod tests {
         for i in 0..40 {
             let at = Vector2::new(2.04 + 0.05 * f64::from(i % 8), 2.04 + 0.05 * f64::from(i / 8));
             let window = [at.x, at.y, 0.7, 0.2, at.x + 0.3, at.y + 0.21, 0.5, 0.2, 3.0, 3.0, 0.4];
-            let clear = Clearance { map: &map, circles: &circles, clearance: 0.5, weight: 4.0 };
+            let (clearance, inflation) = (0.5, 0.7);
+            let (weight, inflation_weight) = (4.0, 1.0);
+            let clear = Clearance { map: &map, circles: &circles, clearance, weight, inflation, inflation_weight };
             // f32 cells.
             seen += usize::from(check(&clear, &window, 2e-2));
             let cautious =
