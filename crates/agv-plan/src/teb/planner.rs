@@ -92,6 +92,9 @@ pub struct Teb {
     pub(super) cycle: u32,
 }
 
+/// Turn from which on the other side is at most twice as long, in radians.
+const EITHER_SIDE: f64 = 2.0 * std::f64::consts::FRAC_PI_3;
+
 /// What was planned in a cycle, as [`Teb::plan`] says it.
 #[derive(Debug, Clone, Copy)]
 pub struct TebPlan<'a> {
@@ -177,7 +180,8 @@ impl Teb {
         Ok(())
     }
 
-    /// Prefers to turn left (positive) or right (negative) at the beginning of each band; zero for either.
+    /// Prefers to turn left (positive) or right (negative), at the beginning of each band and where that takes at most twice as long
+    /// on the spot; zero for either.
     ///
     /// # Errors
     /// A number that is not finite.
@@ -356,7 +360,9 @@ impl Teb {
             footprint: &self.params.footprint,
             ground: Ground::new(&self.params, &self.circles, request, 1.0),
         };
-        let shorter = 1.0_f64.copysign(angle_difference(yaw, request.state.map_from_base.yaw()));
+        let turn = angle_difference(yaw, request.state.map_from_base.yaw());
+        let wished = self.rotation != 0.0 && turn.abs() > EITHER_SIDE;
+        let shorter = if wished { self.rotation } else { 1.0_f64.copysign(turn) };
         let spinning = request.state.twist.yaw_rate;
         let first = if spinning.abs() > 0.05 && self.turning.is_some() { spinning.signum() } else { shorter };
         for side in [first, -first] {

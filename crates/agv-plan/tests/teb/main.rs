@@ -4,4 +4,5 @@ mod input;
 mod laws;
 mod scenes;
 mod sides;
+mod wishes;
 mod worlds;
