@@ -2,6 +2,7 @@
 
 mod input;
 mod laws;
+mod random;
 mod scenes;
 mod sides;
 mod wishes;
