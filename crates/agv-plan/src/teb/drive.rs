@@ -89,7 +89,7 @@ impl Teb {
         self.blocked = if current_is_free { 0 } else { self.blocked + 1 };
         if !current_is_free || changed || self.cycle.is_multiple_of(EXPLORE_EVERY) {
             begin(&mut slots[1], samples, None, &ground, scratch);
-            lanes.search(samples, &ground, params.max_ways);
+            lanes.search(samples, &ground, request.obstacles, params.max_ways);
             let ways = if lanes.is_path_free() { 0 } else { lanes.count() };
             for (way, slot) in slots[2..].iter_mut().enumerate().take(ways) {
                 lanes.offsets(way, params.spacing, offsets);

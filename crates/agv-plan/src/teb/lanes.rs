@@ -9,6 +9,7 @@
 //! Look-ups on the field of distances go as far as the distance says that nothing changes, so that few are needed.
 
 use super::{line::Ground, sample::Sample};
+use agv_core::obstacle::MovingObstacle;
 use nalgebra::Vector2;
 
 /// Least step to the side, in metres.
@@ -71,8 +72,9 @@ pub(super) struct Lanes {
 }
 
 impl Lanes {
-    /// Looks beside the path for at most `most` ways to its end, the least detours first.
-    pub(super) fn search(&mut self, samples: &[Sample], ground: &Ground<'_>, most: usize) {
+    /// Looks beside the path for at most `most` ways to its end, the least detours first. What moves is where it will be when a
+    /// vehicle at the usual speed comes there.
+    pub(super) fn search(&mut self, samples: &[Sample], ground: &Ground<'_>, movers: &[MovingObstacle], most: usize) {
         for list in &mut self.blocked {
             list.clear();
         }
@@ -87,9 +89,11 @@ impl Lanes {
         self.free.push(Stretch { low: offset, high: offset });
         self.begins.push(0);
         self.partials.push(Partial { cost: 0.0, stretch: 0, offset, before: None });
-        for sample in samples.iter().skip(1) {
+        let mut time = 0.0;
+        for (before, sample) in samples.iter().zip(samples.iter().skip(1)) {
+            time += (sample.position - before.position).norm() / ground.usual_speed();
             let begin = self.free.len();
-            self.scan(sample, ground);
+            self.scan(sample, ground, (movers, time));
             self.link(begin, ground, most);
         }
         // The end is where the path has it, if the vehicle can stand there.
@@ -151,8 +155,8 @@ impl Lanes {
         }
     }
 
-    /// Cuts the line across a sample into free stretches, and gives what blocks it to obstacles.
-    fn scan(&mut self, sample: &Sample, ground: &Ground<'_>) {
+    /// Cuts the line across a sample, where the vehicle is after some time, into free stretches, and gives what blocks it to obstacles.
+    fn scan(&mut self, sample: &Sample, ground: &Ground<'_>, (movers, time): (&[MovingObstacle], f64)) {
         let reach = ground.params.max_detour;
         // Nothing may stand between two samples unseen.
         let inscribed = ground.params.footprint.inscribed_radius();
@@ -161,7 +165,9 @@ impl Lanes {
         let across = sample.across();
         let clearance = |offset: f64| {
             let at = sample.position + across * offset;
-            ground.clearance([at.x, at.y, sample.yaw])
+            let pose = [at.x, at.y, sample.yaw];
+            let of_movers = movers.iter().map(|mover| ground.clearance_from(mover, time, pose));
+            ground.clearance(pose).map(|clearance| of_movers.fold(clearance, f64::min))
         };
         self.blocked.swap(0, 1);
         self.blocked[0].clear();
@@ -299,7 +305,7 @@ mod tests {
         let at = |i: u32| Sample { position: Vector2::new(1.0 + 0.1 * f64::from(i), 3.0), yaw: 0.0, direction: 0.0 };
         let samples: Vec<_> = (0..=60).map(at).collect();
         let mut lanes = Lanes::default();
-        lanes.search(&samples, &ground, most);
+        lanes.search(&samples, &ground, &[], most);
         let blocked = samples.iter().any(|s| ground.clearance([s.position.x, s.position.y, 0.0]).unwrap() <= 0.0);
         assert_eq!(lanes.is_path_free(), !blocked);
         let (mut found, mut signatures, mut offsets) = (Vec::new(), Vec::new(), Vec::new());

@@ -61,9 +61,7 @@ pub(super) fn begin(
 ) {
     slot.active = true;
     slot.band.clear();
-    let speed =
-        0.7 * if ground.gear < 0.0 { ground.limits.twist.reverse_speed } else { ground.limits.twist.forward_speed };
-    let speed = speed.max(0.05);
+    let speed = ground.usual_speed();
     let place = |i: usize| {
         samples.get(i).map(|sample| {
             let offset = aside.and_then(|offsets| offsets.get(i)).copied().unwrap_or(0.0);
