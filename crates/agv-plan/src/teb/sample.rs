@@ -77,8 +77,13 @@ pub(super) fn sample(
             }
         }
         let far = arc_length - progress >= horizon;
-        // A goal on the way is one where the vehicle can stand.
-        let stands = || ground.clearance([sample.position.x, sample.position.y, sample.yaw]).is_none_or(|c| c > 0.02);
+        // A goal on the way is one where the vehicle can stand, and that who moves has passed or not yet reached.
+        let stands = || {
+            let pose = [sample.position.x, sample.position.y, sample.yaw];
+            let time = (arc_length - progress) / ground.usual_speed();
+            let mut movers = request.obstacles.iter().map(|mover| ground.clearance_from(mover, time, pose));
+            ground.clearance(pose).is_none_or(|c| c > 0.02) && movers.all(|clearance| clearance > params.clearance)
+        };
         samples.push(sample);
         if arc_length >= end || (far && stands()) || arc_length - progress > 2.0 * horizon {
             break;
