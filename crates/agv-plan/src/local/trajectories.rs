@@ -30,8 +30,12 @@ pub struct Trajectories {
     steps: usize,
     dt: f64,
     map_from_local: Se2,
-    /// What is aimed at: forward and sideways speed, and yaw rate, or curvature for a vehicle that steers.
+    /// What is aimed at: forward and sideways speed, and yaw rate, or curvature for a vehicle that steers. One row, or one for each
+    /// step, which then becomes what is done.
     targets: [Vec<f32>; 3],
+    per_step: bool,
+    /// Means over the steps of what is done, of sequences.
+    means: [Vec<f32>; 3],
     pub(crate) x: Vec<f32>,
     pub(crate) y: Vec<f32>,
     pub(crate) cos: Vec<f32>,
@@ -110,18 +114,50 @@ impl Trajectories {
         self.free.get(..self.len).unwrap_or_default()
     }
 
-    /// What trajectory `i` aims at: forward and sideways speed, and yaw rate (curvature for a vehicle that steers).
+    /// What trajectory `i` aims at, or what a sequence does on average: forward and sideways speed, and yaw rate (curvature for a
+    /// vehicle that steers).
     pub fn target(&self, i: usize) -> [f32; 3] {
-        let at = |k: usize| self.targets.get(k).and_then(|t| t.get(i)).copied().unwrap_or(0.0);
-        [at(0), at(1), at(2)]
+        let all = if self.per_step { &self.means } else { &self.targets };
+        all.each_ref().map(|component| component.get(i).copied().unwrap_or(0.0))
+    }
+
+    /// What sequence `i` does in a step: components as those of [`target`](Self::target).
+    pub(crate) fn control(&self, i: usize, step: usize) -> [f32; 3] {
+        self.targets.each_ref().map(|component| component.get(step * self.stride + i).copied().unwrap_or(0.0))
+    }
+
+    /// What all sequences do in a step, component by component, padding included.
+    pub(crate) fn controls(&self, step: usize) -> [&[f32]; 3] {
+        let row = step * self.stride..(step + 1) * self.stride;
+        self.targets.each_ref().map(|component| component.get(row.clone()).unwrap_or_default())
+    }
+
+    /// What all sequences aim at in a step, to be written before they are rolled out.
+    pub(crate) fn controls_mut(&mut self, step: usize) -> [&mut [f32]; 3] {
+        let row = step * self.stride..(step + 1) * self.stride;
+        self.targets.each_mut().map(|component| component.get_mut(row.clone()).unwrap_or_default())
     }
 
     /// Begins a batch of `steps` steps of `dt` seconds.
     pub fn begin(&mut self, state: &VehicleState, map: &LocalMap, steps: usize, dt: f64) {
         let rotation = map.layout().map_from_grid().rotation();
         self.map_from_local = Se2::from_parts(state.map_from_base.translation(), rotation);
-        (self.steps, self.dt, self.len) = (steps, dt, 0);
+        (self.steps, self.dt, self.len, self.per_step) = (steps, dt, 0, false);
         self.targets.iter_mut().for_each(Vec::clear);
+    }
+
+    /// Begins a batch of `len` sequences, each with targets of its own in every step.
+    pub(crate) fn begin_sequences(
+        &mut self,
+        state: &VehicleState,
+        map: &LocalMap,
+        (len, steps): (usize, usize),
+        dt: f64,
+    ) {
+        self.begin(state, map, steps, dt);
+        (self.len, self.per_step) = (len, true);
+        self.stride = len.next_multiple_of(LANES);
+        self.targets.iter_mut().for_each(|component| component.resize(self.stride * steps, 0.0));
     }
 
     /// Adds a trajectory by what it aims at.
@@ -139,7 +175,8 @@ impl Trajectories {
         for array in [&mut self.x, &mut self.y, &mut self.cos, &mut self.sin, &mut self.clearance] {
             array.resize(cells, 0.0);
         }
-        self.targets.iter_mut().for_each(|target| target.resize(stride, 0.0));
+        let rows = if self.per_step { self.steps } else { 1 };
+        self.targets.iter_mut().for_each(|target| target.resize(stride * rows, 0.0));
         self.free.resize(stride, 0);
         let layout = map.layout();
         let resolution = layout.resolution() as f32;
@@ -178,7 +215,7 @@ impl Trajectories {
         };
         let rows = Rows {
             targets: self.targets.each_mut().map(|target| lanes(target)),
-            per_step: false,
+            per_step: self.per_step,
             x: lanes(&mut self.x),
             y: lanes(&mut self.y),
             cos: lanes(&mut self.cos),
@@ -187,6 +224,21 @@ impl Trajectories {
             free: self.free.as_chunks_mut().0,
         };
         self.arch.dispatch(RollOut { rows, scene });
+        if self.per_step {
+            self.average();
+        }
+    }
+
+    /// What sequences do on average.
+    fn average(&mut self) {
+        let per_step = 1.0 / self.steps as f32;
+        for (mean, component) in self.means.iter_mut().zip(&self.targets) {
+            mean.clear();
+            mean.resize(self.stride, 0.0);
+            for row in component.chunks_exact(self.stride.max(1)) {
+                mean.iter_mut().zip(row).for_each(|(mean, value)| *mean += per_step * value);
+            }
+        }
     }
 
     /// Clearance of the vehicle where it is, as it is looked up for the trajectories.
