@@ -22,13 +22,15 @@ pub(super) struct Block {
     rows: Vec<f32>,
     /// What all say together; infinite for what is ruled out.
     pub(super) costs: Vec<f32>,
+    /// Whether any was free of what stands, and of what moves too.
+    pub(super) is_free: (bool, bool),
     noise: Vec<f32>,
 }
 
 impl Block {
     pub(super) fn new(first: usize, len: usize, critics: Vec<Critic>) -> Self {
         let (rows, costs, noise) = (Vec::new(), Vec::new(), Vec::new());
-        Self { batch: Trajectories::default(), first, len, critics, rows, costs, noise }
+        Self { batch: Trajectories::default(), first, len, critics, rows, costs, is_free: (false, false), noise }
     }
 
     /// Draws samples and rolls them out.
@@ -57,7 +59,10 @@ impl Block {
 
     fn roll_out(&mut self, request: &LocalPlanRequest<'_>, proposal: &Proposal<'_>) {
         self.batch.roll_out(&request.state, request.limits, request.map, &proposal.params.footprint);
+        let is_free = |batch: &Trajectories| batch.free().iter().any(|&free| free > 0);
+        self.is_free.0 = is_free(&self.batch);
         self.batch.meet(request.obstacles);
+        self.is_free.1 = is_free(&self.batch);
     }
 
     /// Asks the critics.

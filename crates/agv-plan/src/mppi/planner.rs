@@ -75,7 +75,7 @@ pub struct Mppi {
     order: Vec<(f32, u32, u32)>,
     /// Commands that the guard refused in this cycle.
     refused: Vec<Motion>,
-    /// Why the last one was refused.
+    /// Why they were refused: for somebody who may pass, if that goes for one of them.
     reason: BlockReason,
     /// What was aimed at last.
     last: Twist2,
@@ -216,7 +216,10 @@ impl Mppi {
             });
             best = sum_up(blocks, spreads);
         }
-        let Some((least, ..)) = best else { return self.blocked(request, BlockReason::Obstacle) };
+        // Who could go on but for somebody waits.
+        let waits = blocks.iter().any(|block| block.is_free.0) && !blocks.iter().any(|block| block.is_free.1);
+        let reason = if waits { BlockReason::MovingObstacle } else { BlockReason::Obstacle };
+        let Some((least, ..)) = best else { return self.blocked(request, reason) };
         average(blocks, least, params.temperature, sums);
         plan.controls.clear();
         plan.controls.extend(sums.iter().map(|sum| sum.map(|value| value as f32)));
@@ -229,13 +232,13 @@ impl Mppi {
         mean.sum_up(spreads);
         let cost = mean.costs.first().copied().unwrap_or(f32::INFINITY);
         let prefers_mean = cost.is_finite() && f64::from(cost - least) <= params.temperature;
+        self.reason = reason;
         self.choose(request, prefers_mean)
     }
 
     /// Begins the mean if that is preferred, or the best sample that the guard lets pass.
     fn choose(&mut self, request: &LocalPlanRequest<'_>, prefers_mean: bool) -> Result<LocalCommand, LocalPlanError> {
         self.refused.clear();
-        self.reason = BlockReason::Obstacle;
         if prefers_mean && let Some(command) = self.take(request, None, 0)? {
             return Ok(command);
         }
@@ -288,7 +291,9 @@ impl Mppi {
                 Ok(Some(LocalCommand { motion, status }))
             }
             Verdict::Blocked(because) => {
-                self.reason = because;
+                if self.reason != BlockReason::MovingObstacle {
+                    self.reason = because;
+                }
                 self.refused.push(motion);
                 Ok(None)
             }
