@@ -79,7 +79,7 @@ impl Block {
 
     /// Puts together what the critics said, for what is not ruled out.
     pub(super) fn sum_up(&mut self, spreads: &[Spread]) {
-        for ((critic, spread), costs) in self.critics.iter().zip(spreads).zip(self.rows.chunks_exact(self.len)) {
+        for ((critic, &spread), costs) in self.critics.iter().zip(spreads).zip(self.rows.chunks_exact(self.len)) {
             critic.add_to(costs, spread, &mut self.costs);
         }
     }

@@ -355,8 +355,12 @@ fn reach(request: &LocalPlanRequest<'_>, drive: &Drive, params: &MppiParams) -> 
 /// Puts together what the critics said of all samples; cost, block and place of the best, if any is possible.
 fn sum_up(blocks: &mut [Block], spreads: &mut [Spread]) -> Option<(f32, usize, usize)> {
     spreads.fill(Spread::NONE);
-    blocks.iter().for_each(|block| block.spread(spreads));
-    blocks.iter_mut().for_each(|block| block.sum_up(spreads));
+    for block in &*blocks {
+        block.spread(spreads);
+    }
+    for block in &mut *blocks {
+        block.sum_up(spreads);
+    }
     let best = blocks.iter().enumerate().filter_map(|(b, block)| block.best().map(|(cost, i)| (cost, b, i)));
     best.min_by(|a, b| a.0.total_cmp(&b.0))
 }

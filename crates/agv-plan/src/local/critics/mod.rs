@@ -100,7 +100,7 @@ pub(crate) fn score(
     for (critic, costs) in critics.iter().zip(rows) {
         let mut spread = Spread::NONE;
         spread.take(costs);
-        critic.add_to(costs, &spread, totals);
+        critic.add_to(costs, spread, totals);
     }
 }
 
@@ -147,10 +147,10 @@ impl Spread {
 
 impl Critic {
     /// Adds its costs, which have this spread, to the totals.
-    pub(crate) fn add_to(&self, costs: &[f32], spread: &Spread, totals: &mut [f32]) {
+    pub(crate) fn add_to(&self, costs: &[f32], spread: Spread, totals: &mut [f32]) {
         let (mut offset, mut scale) = (0.0, self.weight);
         if self.normalized {
-            let Spread { least, greatest } = *spread;
+            let Spread { least, greatest } = spread;
             // All alike: nothing to say.
             scale = if greatest > least { self.weight / (greatest - least) } else { 0.0 };
             offset = if least.is_finite() { least } else { 0.0 };
