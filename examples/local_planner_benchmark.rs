@@ -57,6 +57,9 @@ struct Args {
     /// Take obstacles that move to stand where they are seen: planning without a sense of time, for comparison
     #[arg(long)]
     frozen: bool,
+    /// Tell the planner what truly moves, instead of what is tracked in the scans, for comparison
+    #[arg(long)]
+    oracle: bool,
     /// Pictures of all runs, not of the first and of failures only
     #[arg(long)]
     all_pictures: bool,

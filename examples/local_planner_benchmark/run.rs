@@ -144,12 +144,21 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
         recoveries: 0,
     };
     let (mut believed, mut motion, mut states) = (trial.start, Motion::REST, Vec::new());
-    let (mut changes, mut was_recovering) = (Vec::new(), false);
+    let (mut changes, mut told, mut was_recovering) = (Vec::new(), Vec::new(), false);
     let mut scan = simulator.look()?.scan().cloned().ok_or("the laser is silent")?;
     let cycles = (TIMEOUT / CYCLE) as u64;
     'driving: for cycle in 0..cycles {
+        if args.oracle {
+            // What truly moves, from where the vehicle believes to be.
+            let truth = simulator.vehicle().map_from_base();
+            trial.moving.states_into(cycle as f64 * CYCLE, &mut told);
+            for obstacle in &mut told {
+                obstacle.position = believed.act(&truth.inverse().act(&obstacle.position));
+                obstacle.velocity = believed.rotation().act(&truth.rotation().inverse().act(&obstacle.velocity));
+            }
+        }
         let command = run.cycles.time(|| {
-            run.sight.time(|| sight.look(&scan, &believed))?;
+            run.sight.time(|| sight.look(&scan, &believed, args.oracle.then_some(&*told)))?;
             navigation
                 .cycle(NavigationRequest {
                     // The vehicle ramps where planners take commands as steps: half a cycle ahead both come to the same.
