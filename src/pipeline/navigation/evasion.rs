@@ -49,8 +49,9 @@ pub(super) struct Evasion {
     course: Option<Course>,
     /// What may come near within the foresight.
     near: Vec<MovingObstacle>,
-    /// Courses by what they cost.
-    costs: Vec<(f64, Course)>,
+    /// Courses, and what they cost.
+    courses: Vec<Course>,
+    costs: Vec<(f64, usize)>,
 }
 
 /// Step of the look ahead, in seconds.
@@ -111,18 +112,20 @@ impl Evasion {
                 }
             }
         }
+        self.courses.clear();
+        self.courses.extend(self.course.into_iter().chain(courses(request, target)));
         self.costs.clear();
         let now = request.state.motion();
-        for course in self.course.into_iter().chain(courses(request, target)) {
-            let outlook = look.along(&here, &now, 0.0, &course)?;
+        for (index, course) in self.courses.iter().enumerate() {
+            let outlook = look.along(&here, &now, 0.0, course)?;
             let cost = CONTACT * (1.0 - outlook.clear_for / foresight)
                 + NEARNESS * outlook.nearness
                 + (outlook.end - target).norm();
-            self.costs.push((cost, course));
+            self.costs.push((cost, index));
         }
-        // Stable, so that of equals the first is taken.
-        self.costs.sort_by(|a, b| a.0.total_cmp(&b.0));
-        for (_, course) in &self.costs {
+        // Of equals the first.
+        self.costs.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        for course in self.costs.iter().filter_map(|&(_, index)| self.courses.get(index)) {
             let motion = course.step(request, &here, &now, request.dt);
             if look.can_brake(&motion)? {
                 self.course = Some(*course);
@@ -146,8 +149,11 @@ fn courses(request: &NavigationRequest<'_>, target: &Vector2<f64>) -> impl Itera
         let headings = TURNS.into_iter().map(move |turn| here.yaw() + turn).chain(std::iter::once(towards));
         headings.map(move |heading| Course { heading, forward, lateral: 0.0 })
     });
-    let backing =
-        TURNS.into_iter().map(move |turn| Course { heading: here.yaw() + turn, forward: -limits.reverse_speed, lateral: 0.0 });
+    let backing = TURNS.into_iter().map(move |turn| Course {
+        heading: here.yaw() + turn,
+        forward: -limits.reverse_speed,
+        lateral: 0.0,
+    });
     let sideways = [1.0, -1.0].into_iter().map(move |side| Course {
         heading: here.yaw(),
         forward: 0.0,
@@ -230,7 +236,9 @@ impl Look<'_> {
             let along = after - before;
             let square = along.norm_squared();
             let share = if square > 0.0 { (-before.dot(&along) / square).clamp(0.0, 1.0) } else { 0.0 };
-            let round = (before + along * share).norm() - obstacle.circumscribed_radius() - self.footprint.circumscribed_radius();
+            let round = (before + along * share).norm()
+                - obstacle.circumscribed_radius()
+                - self.footprint.circumscribed_radius();
             if round >= least {
                 continue;
             }
