@@ -49,7 +49,12 @@ impl Sight {
     }
 
     /// Takes a scan from where the vehicle believes to be; `told` is what moves, if that is not to be found in the scan.
-    pub(crate) fn look(&mut self, scan: &LaserScan, map_from_base: &Se2, told: Option<&[MovingObstacle]>) -> Result<()> {
+    pub(crate) fn look(
+        &mut self,
+        scan: &LaserScan,
+        map_from_base: &Se2,
+        told: Option<&[MovingObstacle]>,
+    ) -> Result<()> {
         let tracked = self.tracker.update(scan, map_from_base)?;
         self.obstacles.clear();
         self.obstacles.extend_from_slice(told.unwrap_or(tracked));
