@@ -15,8 +15,6 @@ use std::sync::Mutex;
 pub(crate) const CYCLE: f64 = 0.05;
 /// Steps of the simulation in a cycle: the vehicle's ramps are smooth.
 const STEPS: u64 = 5;
-/// When a run ends at the latest, in seconds.
-const TIMEOUT: f64 = 100.0;
 /// Distance from the goal at which it succeeds, in metres.
 const REACHED: f64 = 1.0;
 /// Relative error of the odometry.
@@ -56,6 +54,8 @@ pub(crate) struct Run {
     pub(crate) score: f64,
     /// Least clearance, in metres, at most one.
     pub(crate) clearance: f64,
+    /// Share of the time in which something is nearer than the safe distance.
+    pub(crate) danger: f64,
     /// Mean magnitude of the acceleration along the way, in metres per second squared.
     pub(crate) smoothness: f64,
     /// Times of costmap, global and local planning together.
@@ -69,6 +69,8 @@ pub(crate) struct Run {
     /// Moving obstacles at the end.
     pub(crate) obstacles: Vec<MovingObstacle>,
     pub(crate) recoveries: usize,
+    /// Cycles in which the vehicle got out of somebody's way.
+    pub(crate) evasions: usize,
 }
 
 /// All runs, in the order of the trials; several at once where threads are given.
@@ -135,6 +137,7 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
         length: 0.0,
         score: 0.0,
         clearance: 1.0,
+        danger: 0.0,
         smoothness: 0.0,
         cycles: Timings::default(),
         sight: Timings::default(),
@@ -142,11 +145,13 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
         paths: Vec::new(),
         obstacles: Vec::new(),
         recoveries: 0,
+        evasions: 0,
     };
+    let mut endangered = 0.0;
     let (mut believed, mut motion, mut states) = (trial.start, Motion::REST, Vec::new());
     let (mut changes, mut told, mut was_recovering) = (Vec::new(), Vec::new(), false);
     let mut scan = simulator.look()?.scan().cloned().ok_or("the laser is silent")?;
-    let cycles = (TIMEOUT / CYCLE) as u64;
+    let cycles = (args.timeout / CYCLE) as u64;
     'driving: for cycle in 0..cycles {
         if args.oracle {
             // What truly moves, from where the vehicle believes to be.
@@ -176,6 +181,7 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
         let is_recovering = matches!(command.status, NavigationStatus::Recovering(_));
         run.recoveries += usize::from(is_recovering && !was_recovering);
         was_recovering = is_recovering;
+        run.evasions += usize::from(command.status == NavigationStatus::Evading);
         run.status = command.status;
         if command.planned {
             let path: Vec<_> = navigation.path().points().iter().map(|point| point.pose.translation()).collect();
@@ -203,6 +209,7 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
             let way = Way { world, moving: &trial.moving, body: &body, start, twist, time };
             let (touches, clearance) = way.touches(simulator.dt(), &mut states);
             run.clearance = run.clearance.min(clearance);
+            endangered += if clearance < args.safe_distance { simulator.dt() } else { 0.0 };
             run.time = time + simulator.dt();
             run.length += (end.translation() - start.translation()).norm();
             if touches {
@@ -219,6 +226,7 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
         }
         run.track.push(simulator.vehicle().map_from_base());
     }
+    run.danger = endangered / run.time.max(CYCLE);
     run.smoothness = Statistics::new(changes).map_or(0.0, |s| s.mean());
     run.obstacles = simulator.obstacles().to_vec();
     if run.end == End::Success {
