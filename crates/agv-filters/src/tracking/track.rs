@@ -60,7 +60,7 @@ pub(super) struct Track {
 
 /// Least standard deviation of a radius, as a share of the scatter of points: things are no perfect discs, the less the more
 /// their points scatter.
-const RADIUS_SHARE: f64 = 0.25;
+const RADIUS_SHARE: f64 = 0.5;
 
 /// Score from which on something moves, and the most that it may have.
 const MOVES: u32 = 5;
