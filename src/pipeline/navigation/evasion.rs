@@ -10,7 +10,7 @@
 //! cost = 100 (1 - t_contact / T) + 5 max over t (1 - gap / (0.1 + 0.25 t))² / (1 + t) + distance from the path ahead after T
 //! ```
 //!
-//! in metres of way. A course is a heading to turn to and a speed to drive at, both as fast as the limits allow. What the obstacles will do
+//! in metres of way. `T` is the foresight. A course is a heading to turn to and a speed to drive at, both as fast as the limits allow. What the obstacles will do
 //! is less and less known: the gap that is asked for grows with time. Of the map nothing is touched: on the course, nor by braking on it.
 
 use super::NavigationRequest;
@@ -65,8 +65,8 @@ const TOUCH: f64 = 0.03;
 /// Gap that is asked for, in metres, and how fast it grows, in metres per second.
 const GAP: f64 = 0.1;
 const GROWTH: f64 = 0.25;
-/// Shares of that with which a course counts as clear.
-const ENOUGH: f64 = 0.5;
+/// Nearness below which a course counts as clear: half of the room is left now, and less of it later, when little is known.
+const CLEAR: f64 = 0.25;
 /// What a contact costs at once, and coming near, in metres of way.
 const CONTACT: f64 = 100.0;
 const NEARNESS: f64 = 5.0;
@@ -101,7 +101,7 @@ impl Evasion {
         let after = here * planned.twist.integrate(request.dt);
         let is_clear = |course: &Course| -> Result<bool, Error> {
             let outlook = look.along(&after, planned, request.dt, course)?;
-            Ok(outlook.clear_for >= foresight && outlook.nearness < (1.0 - ENOUGH).powi(2))
+            Ok(outlook.clear_for >= foresight && outlook.nearness < CLEAR)
         };
         if look.way_is_clear(planned)? {
             // The one that was clear before most likely still is.

@@ -58,7 +58,8 @@ pub struct NavigationRequest<'a> {
 /// [`RollingCostmap`](agv_core::grid::RollingCostmap) has them. A goal beyond that map is made for through a place at its border. The path
 /// is planned anew every so often and as soon as something stands in it; another way is taken if it is better by a
 /// clear margin, or the one that is followed is blocked. Where the local planner gets nowhere, recovery behaviours follow each
-/// other, and after as many as the parameters allow the navigation gives up and says why. No clock is read: time is what
+/// other, and after as many as the parameters allow the navigation gives up and says why. Whatever they say, the vehicle gets out of the
+/// way of what moves, where standing would not keep it clear. No clock is read: time is what
 /// the cycles' `dt` add up to.
 ///
 /// The fusions of papers 000, 002 and 003 are this type with their planners: A* and DWA, improved ants and improved DWA, A* or Dijkstra
