@@ -211,7 +211,7 @@ fn meet(world: &mut World, foresight: f64, from: Vector2<f64>, velocity: Vector2
 /// From all sides, straight at where the vehicle will be after five seconds.
 #[test]
 fn gets_out_of_the_way_of_who_would_run_into_it() {
-    let mut world = World::new(|x, y| x < 0.1 || y < 0.1 || x > 7.9 || y > 5.9);
+    let mut world = World::new(|x, y| !(0.1..7.9).contains(&x) || !(0.1..5.9).contains(&y));
     let mut hit = 0;
     for k in 0..12 {
         let angle = std::f64::consts::TAU * (f64::from(k) + 0.5) / 12.0;
@@ -228,7 +228,7 @@ fn gets_out_of_the_way_of_who_would_run_into_it() {
 /// In a passage there is no side to go to: the vehicle backs off, and touches no wall.
 #[test]
 fn backs_off_where_there_is_no_side_to_go_to() {
-    let mut world = World::new(|x, y| x < 0.1 || x > 7.9 || !(2.4..3.6).contains(&y));
+    let mut world = World::new(|x, y| !(0.1..7.9).contains(&x) || !(2.4..3.6).contains(&y));
     let gap = meet(&mut world, 2.5, Vector2::new(5.5, 3.0), Vector2::new(-0.2, 0.0));
     assert!(gap > 0.0, "{gap}");
 }

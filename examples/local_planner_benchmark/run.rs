@@ -73,6 +73,29 @@ pub(crate) struct Run {
     pub(crate) evasions: usize,
 }
 
+impl Run {
+    /// One that has not begun.
+    fn from(start: Se2) -> Self {
+        Self {
+            end: End::Timeout,
+            status: NavigationStatus::Idle,
+            time: 0.0,
+            length: 0.0,
+            score: 0.0,
+            clearance: 1.0,
+            danger: 0.0,
+            smoothness: 0.0,
+            cycles: Timings::default(),
+            sight: Timings::default(),
+            track: vec![start],
+            paths: Vec::new(),
+            obstacles: Vec::new(),
+            recoveries: 0,
+            evasions: 0,
+        }
+    }
+}
+
 /// All runs, in the order of the trials; several at once where threads are given.
 pub(crate) fn all(trials: &[Trial], args: &Args) -> Result<Vec<Run>> {
     let progress = Progress::new(trials.len(), "driving");
@@ -115,6 +138,14 @@ fn vehicle(v_max: f64, start: Se2, seed: Seed) -> Result<Vehicle> {
     Ok(Vehicle::new(params, start, seed.derive(2))?)
 }
 
+/// Puts what truly moves to where a vehicle at `truth` that believes to be elsewhere would see it.
+fn as_seen(obstacles: &mut [MovingObstacle], truth: &Se2, believed: &Se2) {
+    for obstacle in obstacles {
+        obstacle.position = believed.act(&truth.inverse().act(&obstacle.position));
+        obstacle.velocity = believed.rotation().act(&truth.rotation().inverse().act(&obstacle.velocity));
+    }
+}
+
 fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
     let (planner, v_max, frozen) = (args.planner, args.v_max, args.frozen);
     let world: &dyn PlanarWorld = &*trial.world;
@@ -130,23 +161,7 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
     let mut navigation = planners::navigation(planner)?;
     navigation.go_to(&trial.goal)?;
 
-    let mut run = Run {
-        end: End::Timeout,
-        status: NavigationStatus::Idle,
-        time: 0.0,
-        length: 0.0,
-        score: 0.0,
-        clearance: 1.0,
-        danger: 0.0,
-        smoothness: 0.0,
-        cycles: Timings::default(),
-        sight: Timings::default(),
-        track: vec![trial.start],
-        paths: Vec::new(),
-        obstacles: Vec::new(),
-        recoveries: 0,
-        evasions: 0,
-    };
+    let mut run = Run::from(trial.start);
     let mut endangered = 0.0;
     let (mut believed, mut motion, mut states) = (trial.start, Motion::REST, Vec::new());
     let (mut changes, mut told, mut was_recovering) = (Vec::new(), Vec::new(), false);
@@ -154,13 +169,8 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
     let cycles = (args.timeout / CYCLE) as u64;
     'driving: for cycle in 0..cycles {
         if args.oracle {
-            // What truly moves, from where the vehicle believes to be.
-            let truth = simulator.vehicle().map_from_base();
             trial.moving.states_into(cycle as f64 * CYCLE, &mut told);
-            for obstacle in &mut told {
-                obstacle.position = believed.act(&truth.inverse().act(&obstacle.position));
-                obstacle.velocity = believed.rotation().act(&truth.rotation().inverse().act(&obstacle.velocity));
-            }
+            as_seen(&mut told, &simulator.vehicle().map_from_base(), &believed);
         }
         let command = run.cycles.time(|| {
             run.sight.time(|| sight.look(&scan, &believed, args.oracle.then_some(&*told)))?;

@@ -103,7 +103,7 @@ impl Evasion {
             let outlook = look.along(&after, planned, request.dt, course)?;
             Ok(outlook.clear_for >= foresight && outlook.nearness < CLEAR)
         };
-        if look.way_is_clear(planned)? {
+        if look.way_is_clear(planned) {
             // The one that was clear before most likely still is.
             for course in self.course.into_iter().chain(courses(request, target)) {
                 if is_clear(&course)? {
@@ -264,14 +264,14 @@ impl Look<'_> {
     }
 
     /// Whether nothing that moves is touched until the next cycle.
-    fn way_is_clear(&self, motion: &Motion) -> Result<bool, Error> {
+    fn way_is_clear(&self, motion: &Motion) -> bool {
         let (here, dt) = (self.request.state.map_from_base, self.request.dt);
         let end = here * motion.twist.integrate(dt);
         let gap = |pose: &Se2, time: f64| {
             let gaps = self.near.iter().map(|obstacle| obstacle.gap_after(time, self.footprint, pose));
             gaps.fold(f64::INFINITY, f64::min)
         };
-        Ok(gap(&here, 0.0) > TOUCH && gap(&end, dt) > TOUCH)
+        gap(&here, 0.0) > TOUCH && gap(&end, dt) > TOUCH
     }
 
     /// Whether nothing of the map is touched by a motion, nor by braking after it.
