@@ -77,6 +77,21 @@ impl Route {
         (blocked_at > params.look_ahead).then_some(total)
     }
 
+    /// The point of the path so many metres from the vehicle's place, or its end; none without a path.
+    pub(super) fn place_ahead(&self, mut distance: f64) -> Option<Vector2<f64>> {
+        let mut from = self.place;
+        for point in self.path.points().iter().skip(self.next) {
+            let to = point.pose.translation();
+            let length = (to - from).norm();
+            if length >= distance && length > 0.0 {
+                return Some(from + (to - from) * (distance / length));
+            }
+            distance -= length;
+            from = to;
+        }
+        (!self.path.is_empty()).then_some(from)
+    }
+
     /// The path up to the first of its points that lies `reach` metres ahead.
     pub(super) fn ahead(&mut self, reach: f64) -> &Path {
         if reach == f64::INFINITY {
