@@ -5,7 +5,7 @@ use super::{
     belief::{Belief, Known, LastDrawn},
     filter::Mcl,
 };
-use crate::particle::{ParticleSet, per_sensor::PerSensor};
+use crate::particle::{ParticleSet, excursion::Excursion, per_sensor::PerSensor};
 use agv_core::{Error, check, compute::Seed, geometry::Se2, odometry::OdometryIncrement, roles::StatusMonitor};
 
 /// All of a filter that changes as it runs: particles, weights, seed and step, pending odometry, what each sensor has seen
@@ -26,7 +26,7 @@ pub struct MclCheckpoint {
     known: Option<Known>,
     pending: Option<OdometryIncrement>,
     odom_from_base: Se2,
-    applied: PerSensor<Se2>,
+    applied: PerSensor<Excursion>,
     drawn: LastDrawn,
     monitor: StatusMonitor,
     diagnostics: MclDiagnostics,

@@ -7,7 +7,7 @@ use super::{
 };
 use crate::particle::{
     MotionModel, ParticleSet, ProposalContext, ResampleContext, ResamplePolicy, Resampler, SampleSize, UpdateContext,
-    UpdatePolicy, WeighParticles, WeightSummary, set::WeighedSums,
+    UpdatePolicy, WeighParticles, WeightSummary, excursion::Excursion, set::WeighedSums,
 };
 use agv_core::{
     Error,
@@ -88,8 +88,10 @@ where
         let known = self.belief.known.ok_or(LocalizationError::NotInitialized)?;
         let here = self.belief.odom_from_base;
         let last = self.belief.applied.get(observation.kind(), observation.sensor());
-        let motion = last.map(|last| last.between(&here));
-        let context = motion.map(|motion| UpdateContext::new(observation.sensor(), motion));
+        let context = last.map(|last| {
+            let (distance, angle) = last.farthest();
+            UpdateContext::new(observation.sensor(), last.motion_to(&here)).having_been(distance, angle)
+        });
         if context.is_some_and(|context| !self.rules.update.is_due(&context)) {
             return Ok(UpdateOutcome::Skipped(SkipReason::LittleMotion));
         }
@@ -110,7 +112,8 @@ where
                 let explained = self.sensor.explained(observation, moments.mean());
                 let stamp = known.stamp.or_else(|| observation.stamp());
                 self.belief.known = Some(Known { moments, pose: moments, stamp });
-                *self.belief.applied.of(observation, here) = here;
+                let begun = Excursion::from(here);
+                *self.belief.applied.of(observation, begun) = begun;
                 let seen = Seen { weights, readings, explained, expected: &known.pose };
                 let share = adapt.fresh_share(observation, &seen);
                 let moments = if self.resample(observation, (weights, degrees), share, adapt) {
@@ -212,8 +215,10 @@ where
         let estimate = known.map_or_else(Se2::identity, |known| *known.pose.mean());
         let is_narrow = known.is_some_and(|known| is_narrow(&known.pose, monitor.params()));
         drawn.updates = drawn.updates.saturating_add(1);
-        let motion = drawn.odom_from_base.between(odom_from_base);
-        let context = ResampleContext::new(weights, particles.len(), drawn.updates, motion);
+        let (distance, angle) = drawn.way.farthest();
+        let motion = drawn.way.motion_to(odom_from_base);
+        let context =
+            ResampleContext::new(weights, particles.len(), drawn.updates, motion).having_been(distance, angle);
         let is_due = self.rules.resample.is_due(&context);
         // No more than a set of twice the size holds: what is not looked at need not be drawn.
         let room = particles.capacity().min(2 * particles.len());
@@ -234,7 +239,7 @@ where
             fresh = proposed.len().min(wanted).min(count - 1);
             particles.resample(count - fresh, &self.rules.resampler, &mut seed.stream(*step, 0), self.par);
             particles.extend(&proposed[..fresh]);
-            *drawn = LastDrawn { updates: 0, odom_from_base: *odom_from_base };
+            *drawn = LastDrawn::now(*odom_from_base);
         }
         if resampled || most > 0 {
             *step = step.wrapping_add(1);

@@ -126,7 +126,7 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
             *step = step.wrapping_add(1);
             // Equal, should the observation weigh nothing where they are now.
             weights = WeightSummary { log_evidence: weights.log_evidence, ..WeightSummary::uniform(count) };
-            *drawn = LastDrawn { updates: 0, odom_from_base: *odom_from_base };
+            *drawn = LastDrawn::now(*odom_from_base);
             if self.sensor.weigh(observation, particles.states(), log_likelihoods, self.par).is_err() {
                 break;
             }
