@@ -4,6 +4,7 @@ use super::{
     MclDiagnostics,
     belief::{Belief, Known, LastDrawn},
     filter::{Draw, Mcl},
+    temper::Taken,
 };
 use crate::particle::{
     MotionModel, ParticleSet, ProposalContext, ResampleContext, ResamplePolicy, Resampler, SampleSize, UpdateContext,
@@ -99,11 +100,11 @@ where
         let (outcome, pose) = match weighed {
             Err(reason) => (UpdateOutcome::Skipped(reason), known.pose),
             Ok((whole, sums)) => {
-                let (weights, degrees) = self.temper(observation, whole, &known.pose)?;
+                let Taken { weights, degrees, is_whole } = self.temper(observation, whole, &known.pose)?;
                 // Of what was weighed: what follows may look at other readings.
                 let readings = self.sensor.independent_readings();
                 // Before resampling, which adds variance and no knowledge.
-                let moments = match sums.filter(|_| weights == whole) {
+                let moments = match sums.filter(|_| is_whole) {
                     Some(sums) => sums.estimate()?,
                     None => self.belief.particles.estimate(self.par)?,
                 };
