@@ -15,6 +15,8 @@ pub(super) struct Belief {
     pub(super) particles: ParticleSet,
     /// Counts the random draws of the whole set, so that none uses a stream twice.
     pub(super) step: u64,
+    /// Its count when the particles were last drawn around a belief that was given: tells one such belief from the next.
+    pub(super) begun: u64,
     /// What the particles say; none before the first initialisation.
     pub(super) known: Option<Known>,
     /// Odometry that the particles have not followed yet.
@@ -64,6 +66,7 @@ impl Belief {
         Self {
             particles,
             step: 0,
+            begun: 0,
             known: None,
             pending: None,
             odom_from_base: Se2::identity(),
@@ -85,6 +88,7 @@ impl Belief {
     /// The particles were drawn around a new belief, with these moments.
     pub(super) fn begin(&mut self, moments: UncertainPose<Se2>) {
         self.known = Some(Known { moments, pose: moments, stamp: None });
+        self.begun = self.step;
         self.pending = None;
         self.odom_from_base = Se2::identity();
         self.applied.clear();

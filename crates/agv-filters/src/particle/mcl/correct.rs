@@ -212,7 +212,7 @@ where
     {
         let seeds = [Draw::SampleSize, Draw::Resampling, Draw::Proposal].map(|draw| self.seed_for(draw));
         let [size_seed, seed, proposal_seed] = seeds;
-        let Belief { particles, step, drawn, diagnostics, odom_from_base, known, monitor, .. } = &mut self.belief;
+        let Belief { particles, step, begun, drawn, diagnostics, odom_from_base, known, monitor, .. } = &mut self.belief;
         let estimate = known.map_or_else(Se2::identity, |known| *known.pose.mean());
         let is_narrow = known.is_some_and(|known| is_narrow(&known.pose, monitor.params()));
         drawn.updates = drawn.updates.saturating_add(1);
@@ -225,6 +225,7 @@ where
         let room = particles.capacity().min(2 * particles.len());
         let most = (share * room as f64).round() as usize;
         let context = ProposalContext::new(&self.free_space, estimate, self.par, proposal_seed, *step)
+            .in_belief(*begun)
             .after(diagnostics.updates, *odom_from_base)
             .of_particles(particles.len(), is_narrow);
         let proposed = if most > 0 { adapt.propose(observation, &mut self.sensor, &context, most) } else { &[] };
