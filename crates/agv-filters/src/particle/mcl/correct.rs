@@ -212,7 +212,8 @@ where
     {
         let seeds = [Draw::SampleSize, Draw::Resampling, Draw::Proposal].map(|draw| self.seed_for(draw));
         let [size_seed, seed, proposal_seed] = seeds;
-        let Belief { particles, step, begun, drawn, diagnostics, odom_from_base, known, monitor, .. } = &mut self.belief;
+        let Belief { particles, step, begun, drawn, diagnostics, odom_from_base, known, monitor, .. } =
+            &mut self.belief;
         let estimate = known.map_or_else(Se2::identity, |known| *known.pose.mean());
         let is_narrow = known.is_some_and(|known| is_narrow(&known.pose, monitor.params()));
         drawn.updates = drawn.updates.saturating_add(1);
