@@ -23,6 +23,7 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 pub mod fusion;
+pub mod graph;
 pub mod kalman;
 pub mod landmark;
 pub mod marker;

@@ -13,6 +13,7 @@
 //! | UTIAS landmark sightings (MRCLAM) | [`mrclam`] |
 //! | trajectories: TUM, KITTI | [`trajectory`] |
 //! | Kümmerle's relations | [`relations`] |
+//! | pose graphs of g2o | [`g2o`] |
 //! | clouds: PLY, PCD, KITTI and raw binary | [`cloud`] |
 //!
 //! [`cli`], [`progress`] and [`timing`] are what an example shows on the terminal, [`plot`] draws its pictures.
@@ -24,6 +25,7 @@ pub mod cli;
 pub mod cloud;
 mod error;
 mod fields;
+pub mod g2o;
 pub mod input;
 pub mod log;
 pub mod map;

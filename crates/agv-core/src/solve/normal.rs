@@ -81,9 +81,9 @@ pub trait NormalSystem {
     fn solve_damped(&mut self, damping: f64, scale: &[f64], step: &mut [f64]) -> bool;
 }
 
-/// What an unknown's diagonal entry grows by.
+/// What the diagonal entry of an unknown with the scale `scale` grows by; for who writes a [`NormalSystem`] of their own.
 #[inline]
-pub(super) fn damped(damping: f64, scale: f64) -> f64 {
+pub fn damped(damping: f64, scale: f64) -> f64 {
     if scale > 0.0 { damping * scale } else { 1.0 }
 }
 
