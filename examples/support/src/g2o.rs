@@ -169,7 +169,8 @@ mod tests {
     use super::*;
     use crate::testing::{Scratch, shared, survives_damage};
 
-    const PLANE: &str = "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 7 1 2 0.5\nFIX 0\nEDGE_SE2 0 7 1 2 0.4 10 1 2 20 3 30\nOTHER 1\n";
+    const PLANE: &str =
+        "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 7 1 2 0.5\nFIX 0\nEDGE_SE2 0 7 1 2 0.4 10 1 2 20 3 30\nOTHER 1\n";
     const SPACE: &str = "VERTEX_SE3:QUAT 0 1 2 3 0 0 0 2\nEDGE_SE3:QUAT 0 1 1 0 0 0 0 0.6 0.8 \
                          1 0 0 0 0 0 2 0 0 0 0 3 0 0 0 4 0 0 5 0 6\n";
 

@@ -11,12 +11,14 @@
 //! on graph-based SLAM*, 2010), with a robust kernel `ϱ` for each relation that may be false. One back end for the plane and for
 //! space: maps of key scans, of sub-maps and of feature clouds are corrected by it.
 
+mod chordal;
 mod pose_graph;
 mod problem;
 mod relation;
 mod solver;
 mod sparse;
 
+pub use chordal::RigidMotion;
 pub use pose_graph::{PoseGraph, PoseId};
 pub use relation::{Prior, Relation};
 pub use solver::{PoseGraphSolver, PoseGraphSolverParams};

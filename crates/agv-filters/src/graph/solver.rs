@@ -36,7 +36,7 @@ impl Default for PoseGraphSolverParams {
 pub struct PoseGraphSolver<G: LieGroup> {
     descent: LevenbergMarquardt,
     workspace: LeastSquaresWorkspace<SparseNormalEquations, Vec<G>>,
-    blocks: Vec<Option<u32>>,
+    pub(super) blocks: Vec<Option<u32>>,
 }
 
 impl<G: LieGroup> PoseGraphSolver<G> {
@@ -50,21 +50,21 @@ impl<G: LieGroup> PoseGraphSolver<G> {
         Ok(Self { descent, workspace, blocks: Vec::new() })
     }
 
-    /// Moves the poses to a minimum near where they are. A step is linear in poses and relations, but for the factor's fill.
+    /// Moves the poses to a minimum near where they are; [`initialize`](Self::initialize) first where they are no good guess. A step is linear in poses and relations, but for the factor's fill.
     ///
     /// # Errors
     /// [`Error::NotFinite`] for poses so far off that their residuals overflow, [`Error::TooMany`] for a graph that memory has no
     /// room for. The poses are then as they were.
     pub fn optimize(&mut self, graph: &mut PoseGraph<G>) -> Result<LeastSquaresReport, Error> {
         let free = graph.blocks_into(&mut self.blocks);
-        let pairs = graph.relations().iter().filter_map(|relation| {
-            self.blocks[relation.from.index()].zip(self.blocks[relation.to.index()])
-        });
+        let pairs = graph
+            .relations()
+            .iter()
+            .filter_map(|relation| self.blocks[relation.from.index()].zip(self.blocks[relation.to.index()]));
         self.workspace.system.reset(G::DOF, free, pairs)?;
         let mut poses = std::mem::take(graph.poses_mut());
         let start = poses.clone();
-        let mut problem =
-            GraphProblem { relations: graph.relations(), priors: graph.priors(), blocks: &self.blocks };
+        let mut problem = GraphProblem { relations: graph.relations(), priors: graph.priors(), blocks: &self.blocks };
         let report = self.descent.minimize_structured(&mut problem, &mut poses, &mut self.workspace);
         *graph.poses_mut() = if report.is_ok() { poses } else { start };
         report
@@ -78,12 +78,15 @@ impl<G: LieGroup> PoseGraphSolver<G> {
         let Some(block) = *self.blocks.get(pose.index())? else {
             return Some(G::matrix_from_slice(&[]));
         };
+        if !self.workspace.system.factorize() {
+            return None;
+        }
         let mut entries = Vec::with_capacity(G::DOF * G::DOF);
         let first = block as usize * G::DOF;
         for i in 0..G::DOF {
             let mut unit = vec![0.0; self.blocks.iter().flatten().count() * G::DOF];
             unit[first + i] = 1.0;
-            if !self.workspace.system.solve(&mut unit) {
+            if !self.workspace.system.substitute(&mut unit) {
                 return None;
             }
             entries.extend_from_slice(&unit[first..first + G::DOF]);

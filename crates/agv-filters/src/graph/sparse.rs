@@ -17,7 +17,9 @@ use faer::{
         SparseColMatRef, SymbolicSparseColMatRef,
         linalg::{
             SupernodalThreshold,
-            cholesky::{CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky},
+            cholesky::{
+                CholeskySymbolicParams, LltRef, SymbolicCholesky, SymmetricOrdering, factorize_symbolic_cholesky,
+            },
         },
     },
 };
@@ -169,11 +171,17 @@ impl SparseNormalEquations {
         }
     }
 
-    /// Solves `H x = rhs` with the Hessian as it stands; false if it is not positive definite.
-    pub fn solve(&mut self, rhs: &mut [f64]) -> bool {
-        let Some(factor) = &mut self.factor else { return rhs.is_empty() };
+    /// Factors the Hessian as it stands, for [`substitute`](Self::substitute); false if it is not positive definite.
+    pub fn factorize(&mut self) -> bool {
+        let Some(factor) = &mut self.factor else { return true };
         factor.damped.copy_from_slice(&self.hessian);
-        factor.solve(&self.column_starts, &self.row_indices, rhs)
+        factor.factorize(&self.column_starts, &self.row_indices)
+    }
+
+    /// Solves `H x = rhs` in place, with the Hessian that was factored last; false if the solution is not finite, or the length of
+    /// `rhs` is not the number of unknowns.
+    pub fn substitute(&mut self, rhs: &mut [f64]) -> bool {
+        rhs.len() == self.gradient.len() && self.factor.as_mut().is_none_or(|factor| factor.substitute(rhs))
     }
 }
 
@@ -184,8 +192,8 @@ impl Factor {
             supernodal_flop_ratio_threshold: SupernodalThreshold::FORCE_SIMPLICIAL,
             ..CholeskySymbolicParams::default()
         };
-        let symbolic = factorize_symbolic_cholesky(pattern, Side::Lower, SymmetricOrdering::Amd, params)
-            .map_err(|_| TOO_LARGE)?;
+        let symbolic =
+            factorize_symbolic_cholesky(pattern, Side::Lower, SymmetricOrdering::Amd, params).map_err(|_| TOO_LARGE)?;
         let needed = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());
         let needed = needed.or(symbolic.solve_in_place_scratch::<f64>(1, Par::Seq));
         let memory = MemBuffer::try_new(needed).map_err(|_| TOO_LARGE)?;
@@ -193,8 +201,8 @@ impl Factor {
         Ok(Self { symbolic, damped: vec![0.0; row_indices.len()], values, memory })
     }
 
-    /// Factors `damped` and solves in place.
-    fn solve(&mut self, column_starts: &[usize], row_indices: &[usize], rhs: &mut [f64]) -> bool {
+    /// Factors `damped`.
+    fn factorize(&mut self, column_starts: &[usize], row_indices: &[usize]) -> bool {
         let dimension = column_starts.len() - 1;
         let pattern = SymbolicSparseColMatRef::new_checked(dimension, dimension, column_starts, None, row_indices);
         let matrix = SparseColMatRef::new(pattern, &self.damped);
@@ -208,12 +216,15 @@ impl Factor {
             stack,
             faer::Spec::default(),
         );
-        if factored.is_err() {
-            return false;
-        }
+        factored.is_ok()
+    }
+
+    /// Solves in place with the factor.
+    fn substitute(&mut self, rhs: &mut [f64]) -> bool {
         let factor = LltRef::<usize, f64>::new(&self.symbolic, &self.values);
         let stack = MemStack::new(&mut self.memory);
-        let column = MatMut::from_column_major_slice_mut(rhs, dimension, 1);
+        let rhs_len = rhs.len();
+        let column = MatMut::from_column_major_slice_mut(rhs, rhs_len, 1);
         factor.solve_in_place_with_conj(Conj::No, column, Par::Seq, stack);
         rhs.iter().all(|v| v.is_finite())
     }
@@ -292,6 +303,6 @@ impl NormalSystem for SparseNormalEquations {
             factor.damped[start] += damped(damping, scale);
         }
         step.iter_mut().zip(&self.gradient).for_each(|(step, g)| *step = -g);
-        factor.solve(&self.column_starts, &self.row_indices, step)
+        factor.factorize(&self.column_starts, &self.row_indices) && factor.substitute(step)
     }
 }

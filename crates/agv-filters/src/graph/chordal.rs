@@ -1,0 +1,239 @@
+//! A guess of all poses from their relations alone: chordal relaxation.
+//!
+//! A descent finds the nearest minimum, and odometry that has turned by too much ends in another one, or takes hundreds of steps
+//! out of it. If the orthogonality of rotation matrices is given up, the rotations that fit best solve a linear problem, and so do the
+//! translations once the rotations are known (Martinec and Pajdla, *Robust rotation and translation estimation in multiview
+//! reconstruction*, 2007; Carlone et al., *Initialization techniques for 3D SLAM*, 2015):
+//!
+//! ```text
+//! min Σ w |Rⱼ - Rᵢ Rᵢⱼ|²        then        min Σ w |tⱼ - tᵢ - Rᵢ tᵢⱼ|²
+//! ```
+//!
+//! The rows of a matrix do not depend on each other, nor do the coordinates: one factor serves all.
+
+use super::{PoseGraph, PoseGraphSolver, SparseNormalEquations};
+use agv_core::{
+    Error,
+    geometry::{LieGroup, Se2, Se3, So2, So3},
+};
+use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+
+/// Rigid motions as matrices, those of the plane within space.
+pub trait RigidMotion: LieGroup {
+    /// Dimensions of the space that moves.
+    const SPACE: usize;
+
+    /// Rotation matrix and translation, in metres.
+    fn parts(&self) -> (Matrix3<f64>, Vector3<f64>);
+
+    /// The motion of the rotation that is nearest to a matrix, and of a translation in metres; none if no rotation is nearest.
+    fn nearest(matrix: &Matrix3<f64>, translation: &Vector3<f64>) -> Option<Self>;
+}
+
+impl RigidMotion for Se2 {
+    const SPACE: usize = 2;
+
+    fn parts(&self) -> (Matrix3<f64>, Vector3<f64>) {
+        let (cos, sin) = (self.rotation().cos(), self.rotation().sin());
+        (Matrix3::new(cos, -sin, 0.0, sin, cos, 0.0, 0.0, 0.0, 1.0), Vector3::new(self.x(), self.y(), 0.0))
+    }
+
+    fn nearest(matrix: &Matrix3<f64>, translation: &Vector3<f64>) -> Option<Self> {
+        let (cos, sin) = (matrix[(0, 0)] + matrix[(1, 1)], matrix[(1, 0)] - matrix[(0, 1)]);
+        let pose = Self::from_parts(translation.xy(), So2::from_direction(cos, sin));
+        ((cos != 0.0 || sin != 0.0) && pose.is_finite()).then_some(pose)
+    }
+}
+
+impl RigidMotion for Se3 {
+    const SPACE: usize = 3;
+
+    fn parts(&self) -> (Matrix3<f64>, Vector3<f64>) {
+        (UnitQuaternion::from(self.rotation()).to_rotation_matrix().into_inner(), self.translation())
+    }
+
+    fn nearest(matrix: &Matrix3<f64>, translation: &Vector3<f64>) -> Option<Self> {
+        if !matrix.iter().all(|v| v.is_finite()) {
+            return None;
+        }
+        let svd = matrix.svd(true, true);
+        let (u, v_t) = (svd.u?, svd.v_t?);
+        let mirror = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v_t).determinant().signum()));
+        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(u * mirror * v_t));
+        let pose = Self::from_parts(*translation, So3::from(rotation));
+        pose.is_finite().then_some(pose)
+    }
+}
+
+/// Least weight of a relation, beside the greatest: one that says nothing of a rotation or a translation must not leave a pose
+/// without any.
+const LEAST_WEIGHT: f64 = 1e-6;
+
+impl<G: RigidMotion> PoseGraphSolver<G> {
+    /// Moves all poses but those that stay to a guess from relations and priors alone, and says whether there is one; if not, the
+    /// poses stay. To be called before [`optimize`](Self::optimize) where the poses are no good guess; robust kernels do not
+    /// count in it, so that false relations spoil it.
+    ///
+    /// # Errors
+    /// [`Error::TooMany`] for a graph that memory has no room for.
+    pub fn initialize(&mut self, graph: &mut PoseGraph<G>) -> Result<bool, Error> {
+        let free = graph.blocks_into(&mut self.blocks);
+        let mut system = SparseNormalEquations::default();
+        let Some(rotations) = self.rotations(graph, free, &mut system)? else { return Ok(false) };
+        let Some(translations) = self.translations(graph, free, &rotations, &mut system)? else { return Ok(false) };
+        let guess: Option<Vec<G>> = (self.blocks.iter().zip(graph.poses()).zip(&rotations))
+            .map(|((block, pose), rotation)| match block {
+                None => Some(*pose),
+                Some(block) => G::nearest(rotation, &translations[*block as usize]),
+            })
+            .collect();
+        let found = guess.is_some();
+        if let Some(guess) = guess {
+            *graph.poses_mut() = guess;
+        }
+        Ok(found)
+    }
+
+    /// All that ties a pose to another, or to the map: the blocks of both, what was measured, and how much a rotation and a
+    /// translation weigh in it.
+    fn ties(&self, graph: &PoseGraph<G>) -> Vec<Tie> {
+        let tie = |from: Option<usize>, to: usize, measured: &G, information: &G::Matrix| {
+            let entries = G::matrix_slice(information);
+            let diagonal = |range: std::ops::Range<usize>| range.map(|i| entries[i * (G::DOF + 1)]).sum::<f64>();
+            let (rotation, translation) = measured.parts();
+            let weights = [diagonal(G::TRANSLATION_DOF..G::DOF), diagonal(0..G::TRANSLATION_DOF)];
+            Tie { from, to, rotation, translation, weights }
+        };
+        let relations =
+            graph.relations().iter().map(|r| tie(Some(r.from.index()), r.to.index(), &r.from_from_to, &r.information));
+        let priors = graph.priors().iter().map(|p| tie(None, p.pose.index(), &p.map_from_pose, &p.information));
+        let mut ties: Vec<Tie> = relations.chain(priors).collect();
+        for kind in 0..2 {
+            let greatest = ties.iter().map(|tie| tie.weights[kind]).fold(0.0, f64::max);
+            let least = if greatest > 0.0 { LEAST_WEIGHT * greatest } else { 1.0 };
+            ties.iter_mut().for_each(|tie| tie.weights[kind] = tie.weights[kind].max(least));
+        }
+        ties
+    }
+
+    /// The nearest rotation of every pose, as matrices; none if the relations do not determine them.
+    fn rotations(
+        &self,
+        graph: &PoseGraph<G>,
+        free: usize,
+        system: &mut SparseNormalEquations,
+    ) -> Result<Option<Vec<Matrix3<f64>>>, Error> {
+        let size = G::SPACE;
+        let ties = self.ties(graph);
+        let known: Vec<Matrix3<f64>> = graph.poses().iter().map(|pose| pose.parts().0).collect();
+        system.reset(size, free, self.pairs(&ties))?;
+        let mut rhs = vec![vec![0.0; free * size]; size];
+        for tie in &ties {
+            let weight = tie.weights[0];
+            let [from, to] = self.ends(tie);
+            let entries = |matrix: Matrix3<f64>| -> Vec<f64> {
+                (0..size).flat_map(|c| (0..size).map(move |r| matrix[(r, c)])).collect()
+            };
+            for block in [from, to].into_iter().flatten() {
+                system.add_block(block, block, &entries(Matrix3::identity() * weight));
+            }
+            // A row of Rⱼ, as a column x, is the transpose of Rᵢⱼ times that of Rᵢ.
+            match (from, to) {
+                (Some(from), Some(to)) => system.add_block(to, from, &entries(tie.rotation.transpose() * -weight)),
+                (None, Some(to)) => {
+                    let base = tie.from.map_or_else(Matrix3::identity, |pose| known[pose]);
+                    add_rows(&mut rhs, to, size, &(base * tie.rotation * weight));
+                }
+                (Some(from), None) => {
+                    add_rows(&mut rhs, from, size, &(known[tie.to] * tie.rotation.transpose() * weight));
+                }
+                (None, None) => {}
+            }
+        }
+        if !system.factorize() || !rhs.iter_mut().all(|row| system.substitute(row)) {
+            return Ok(None);
+        }
+        let matrices = self.blocks.iter().zip(known).map(|(block, known)| match block {
+            None => Some(known),
+            Some(block) => {
+                let mut matrix = Matrix3::identity();
+                for (r, row) in rhs.iter().enumerate() {
+                    for c in 0..size {
+                        matrix[(r, c)] = row[*block as usize * size + c];
+                    }
+                }
+                G::nearest(&matrix, &Vector3::zeros()).map(|pose| pose.parts().0)
+            }
+        });
+        Ok(matrices.collect())
+    }
+
+    /// The translation of every pose that may move, given all rotations.
+    fn translations(
+        &self,
+        graph: &PoseGraph<G>,
+        free: usize,
+        rotations: &[Matrix3<f64>],
+        system: &mut SparseNormalEquations,
+    ) -> Result<Option<Vec<Vector3<f64>>>, Error> {
+        let ties = self.ties(graph);
+        system.reset(1, free, self.pairs(&ties))?;
+        let mut rhs = vec![vec![0.0; free]; 3];
+        let mut add = |block: u32, pull: Vector3<f64>| {
+            rhs.iter_mut().zip(pull.iter()).for_each(|(rhs, pull)| rhs[block as usize] += pull);
+        };
+        for tie in &ties {
+            let weight = tie.weights[1];
+            let [from, to] = self.ends(tie);
+            let turned = tie.from.map_or(tie.translation, |pose| rotations[pose] * tie.translation);
+            for block in [from, to].into_iter().flatten() {
+                system.add_block(block, block, &[weight]);
+            }
+            let at = |pose: usize| graph.poses()[pose].parts().1;
+            match (from, to) {
+                (Some(from), Some(to)) => {
+                    system.add_block(to, from, &[-weight]);
+                    add(to, turned * weight);
+                    add(from, turned * -weight);
+                }
+                (None, Some(to)) => add(to, (tie.from.map_or_else(Vector3::zeros, at) + turned) * weight),
+                (Some(from), None) => add(from, (at(tie.to) - turned) * weight),
+                (None, None) => {}
+            }
+        }
+        if !system.factorize() || !rhs.iter_mut().all(|row| system.substitute(row)) {
+            return Ok(None);
+        }
+        Ok(Some((0..free).map(|i| Vector3::new(rhs[0][i], rhs[1][i], rhs[2][i])).collect()))
+    }
+
+    fn ends(&self, tie: &Tie) -> [Option<u32>; 2] {
+        [tie.from.and_then(|pose| self.blocks[pose]), self.blocks[tie.to]]
+    }
+
+    fn pairs<'a>(&'a self, ties: &'a [Tie]) -> impl Iterator<Item = (u32, u32)> + 'a {
+        ties.iter().filter_map(|tie| {
+            let [from, to] = self.ends(tie);
+            from.zip(to)
+        })
+    }
+}
+
+/// What is known of a pose, seen from another, or from the map.
+struct Tie {
+    from: Option<usize>,
+    to: usize,
+    rotation: Matrix3<f64>,
+    translation: Vector3<f64>,
+    /// Of the rotation and of the translation.
+    weights: [f64; 2],
+}
+
+/// Adds each row of a matrix to the right-hand side of that row.
+fn add_rows(rhs: &mut [Vec<f64>], block: u32, size: usize, matrix: &Matrix3<f64>) {
+    for (r, row) in rhs.iter_mut().enumerate() {
+        for c in 0..size {
+            row[block as usize * size + c] += matrix[(r, c)];
+        }
+    }
+}
