@@ -12,10 +12,7 @@
 //!
 //! You will see the errors against the truth, what was learnt, and pictures in `target/agv/landmarks/`; it takes a second.
 
-use agv_nav::{
-    core::metrics::Statistics,
-    filters::landmark::{CalibrationPriors, EstimateClock, LandmarkFilterParams, Parameter, Prior, RangeKind},
-};
+use agv_nav::{core::metrics::Statistics, filters::landmark::Parameter};
 use agv_support::{
     cli::{CommonArgs, Report},
     mrclam::MrclamLog,
@@ -29,6 +26,8 @@ use std::{
 
 #[path = "landmarks/replay.rs"]
 mod replay;
+#[path = "landmarks/settings.rs"]
+mod settings;
 #[path = "landmarks/simulation.rs"]
 mod simulation;
 
@@ -60,29 +59,10 @@ fn main() -> ExitCode {
             None => simulation::drive(args.common.seed()),
         };
         let taught = args.dir.is_some() && !args.uncalibrated;
-        let params = LandmarkFilterParams {
-            priors: if taught { create_drive() } else { CalibrationPriors::default() },
-            range_kind: RangeKind::Depth,
-            clock: EstimateClock::Landmarks,
-            ..LandmarkFilterParams::default()
-        };
-        let replay = replay::replay(&log, &params)?;
+        let replay = replay::replay(&log, &settings::of_the_make(taught))?;
         report(&replay)?.print(args.common.json)?;
         draw(&args.common.out_folder("landmarks")?, &log, &replay)
     })
-}
-
-/// The drive of an iRobot Create, as robot 1 of MRCLAM 6 taught it from the library's defaults, rounded; the deviations are a guess
-/// of how much drives of one make differ. Cameras are each their own.
-fn create_drive() -> CalibrationPriors {
-    CalibrationPriors {
-        speed_scale: Prior::new(0.04, 0.03),
-        turn_loss: Prior::new(0.09, 0.03),
-        yaw_scale: Prior::new(-0.055, 0.05),
-        yaw_bias: Prior::new(-0.004, 0.003),
-        latency: Prior::new(0.24, 0.05),
-        ..CalibrationPriors::default()
-    }
 }
 
 fn report(replay: &Replay) -> Result<Report> {

@@ -33,7 +33,7 @@ use agv_nav::{
     pipeline::Navigator,
     plan::{
         grid::{AStar, AStarParams, GridParams},
-        smooth::{KeyNodes, KeyNodesParams, Straightened},
+        smooth::{KeyNodes, LineOfSightParams, Straightened},
     },
     prelude::*,
 };
@@ -251,7 +251,7 @@ fn drive(args: &Args, map: &Grid<CellState>, start: Se2, recorded: &Recording, r
     // Keep away from walls where there is room: dear cells are avoided, and straight lines do not enter them.
     let grid = GridParams { cost_weight: 2.0, ..GridParams::default() };
     let astar = AStar::new(AStarParams { grid, start_tolerance: 0.5, ..AStarParams::default() })?;
-    let key_nodes = KeyNodes::new(KeyNodesParams { max_cost: 100, ..KeyNodesParams::default() })?;
+    let key_nodes = KeyNodes::new(LineOfSightParams { max_cost: 100, ..LineOfSightParams::default() })?;
     let limits = TwistLimits { forward_speed: 0.8, ..TwistLimits::default() };
     let mut navigator = Navigator::new(
         localizer(map, &start, args, seed.derive(0))?,

@@ -78,7 +78,7 @@ fn main() -> ExitCode {
         }
         let site = site::load(&args)?;
         let mut planner = args.algorithm.planner()?;
-        let tally = ask::all(&args, &site, planner.as_mut())?;
+        let tally = ask::all(&args, &site, planner.as_mut());
         tally.report(&args, &mut report);
         // The figures first: they are not lost if the picture cannot be written.
         report.print(args.common.json)?;

@@ -7,10 +7,10 @@
 //! | module | crate | subject |
 //! |---|---|---|
 //! | [`core`] | `agv-core` | geometry, frames, kinematics, odometry, sensors, grids, metrics, and the roles of all parts |
-//! | `filters` | `agv-filters` | localisation: particle filters |
-//! | `plan` | `agv-plan` | planners on grids |
-//! | `control` | `agv-control` | controllers and path trackers |
-//! | `ndt` | `agv-ndt` | 3D perception |
+//! | `filters` | `agv-filters` | localisation: Kalman and particle filters, sensor fusion, landmarks, codes on the floor |
+//! | `plan` | `agv-plan` | planners on grids, ant colonies, hybrid A* for vehicles that steer, smoothing |
+//! | `control` | `agv-control` | controllers and their tuning, path trackers |
+//! | `ndt` | `agv-ndt` | 3D perception: multi-line clouds to single-line scans |
 //!
 //! Everything is a value with a documented contract: no I/O, no clock, no global state, no `unsafe`; the same inputs
 //! and seed give the same bits for any number of threads.

@@ -8,7 +8,7 @@ use agv_core::path::Path;
 use agv_core::roles::GlobalPlanner;
 use agv_plan::grid::{AStar, AStarParams};
 use agv_plan::smooth::{
-    CurvatureSmoother, CurvatureSmootherParams, KeyNodes, KeyNodesParams, PathSmoother, TautString,
+    CurvatureSmoother, CurvatureSmootherParams, KeyNodes, LineOfSightParams, PathSmoother, TautString,
 };
 use agv_sim::{Factory, FactoryParams};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
@@ -28,8 +28,8 @@ fn smoothing(c: &mut Criterion) {
 
     let mut group = c.benchmark_group("smoothing");
     group.throughput(Throughput::Elements(path.len() as u64));
-    let mut key_nodes = KeyNodes::new(KeyNodesParams::default()).unwrap();
-    let mut string = TautString::new(KeyNodesParams::default()).unwrap();
+    let mut key_nodes = KeyNodes::new(LineOfSightParams::default()).unwrap();
+    let mut string = TautString::new(LineOfSightParams::default()).unwrap();
     let (mut keys, mut taut, mut smooth) = (Path::new(), Path::new(), Path::new());
     key_nodes.smooth_into(&costmap, &path, &mut keys).unwrap();
     string.smooth_into(&costmap, &path, &mut taut).unwrap();

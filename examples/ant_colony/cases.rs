@@ -160,7 +160,7 @@ impl Set {
     pub(crate) fn table(&self, summaries: &[Summary]) -> String {
         let mean = |of: fn(&Case) -> f64| self.cases.iter().map(of).sum::<f64>() / self.cases.len().max(1) as f64;
         let mut text = format!(
-            "{} ({} maps; shortest octile path {:.4} m, of any angle {:.4} m, means)\n{:28} {:>9} {:>25} {:>7} {:>7} {:>8} {:>15} {:>15} {:>8}\n",
+            "{} ({} maps; shortest octile path {:.4} m, of any angle {:.4} m, means)\n{:32} {:>9} {:>25} {:>7} {:>7} {:>8} {:>15} {:>15} {:>8}\n",
             self.title,
             self.cases.len(),
             mean(|case| case.octile),
@@ -180,7 +180,7 @@ impl Set {
         for s in summaries {
             let _ = writeln!(
                 text,
-                "{:28} {:>4}/{:<4} {:>25} {:7.4} {:7.4} {:8.4} {:>15} {:>15} {:8.2}",
+                "{:32} {:>4}/{:<4} {:>25} {:7.4} {:7.4} {:8.4} {:>15} {:>15} {:8.2}",
                 s.name,
                 s.found,
                 s.runs,

@@ -36,11 +36,14 @@ impl Row {
 }
 
 const IACO: Row = Row::colony("pheromone (IACO)", ColonyParams::iaco());
+/// With the threshold of the paper's section 6.3, where Tables 3 and 4 come from.
+const IACO_LATER: Row =
+    Row::colony("IACO, R = 0.5", ColonyParams { deposit: Deposit::Graded { threshold: 0.5 }, ..ColonyParams::iaco() });
 const REFINED: Row = Row::colony("refined", ColonyParams::refined());
 
 /// The paper's Table 1 from rung to rung; what the paper calls IACO has key nodes.
 /// The first two rungs are there twice: with Eq. 1's heuristic, which knows no goal, and with the widespread one that does.
-pub(crate) const LADDER: [Row; 13] = [
+pub(crate) const LADDER: [Row; 16] = [
     ACO,
     ACO.with_key_nodes("ACO, key nodes", 0.0),
     Row::colony("transition", ColonyParams::with_transition()),
@@ -51,6 +54,9 @@ pub(crate) const LADDER: [Row; 13] = [
     IACO,
     IACO.with_key_nodes("IACO, key nodes", 0.0),
     IACO.with_key_nodes("IACO, key nodes, 0.3 m", 0.3),
+    IACO_LATER,
+    IACO_LATER.with_key_nodes("IACO, R = 0.5, key nodes", 0.0),
+    IACO_LATER.with_key_nodes("IACO, R = 0.5, key nodes, 0.3 m", 0.3),
     REFINED,
     REFINED.with_key_nodes("refined, key nodes", 0.0),
     REFINED.with_key_nodes("refined, key nodes, 0.3 m", 0.3),
@@ -82,7 +88,7 @@ pub(crate) const OPTIONS: [Row; 19] = [
     Row::colony("IACO, dies in dead ends", ColonyParams { dead_end: DeadEnd::Die, ..BASE }),
     Row::colony("IACO, cube root in Eq. 5", ColonyParams { sight: Sight::goal(GoalDistance::CubeRoot), ..BASE }),
     Row::colony("IACO, root alone in Eq. 5", ColonyParams { sight: Sight::goal(GoalDistance::Plain), ..BASE }),
-    Row::colony("IACO, R = 0.5", ColonyParams { deposit: Deposit::Graded { threshold: 0.5 }, ..BASE }),
+    IACO_LATER,
     Row::colony(
         "IACO, Eq. 9 squared",
         ColonyParams {

@@ -15,7 +15,7 @@ use agv_nav::{
     plan::{
         aco::{AntColony, Iteration, Run, SparrowSearch},
         grid::GridPlannerParams,
-        smooth::{KeyNodes, KeyNodesParams},
+        smooth::{KeyNodes, LineOfSightParams},
     },
 };
 use agv_support::{cli::Report, progress::Progress};
@@ -171,7 +171,7 @@ fn timed<P: GlobalPlanner>(
 fn cut_down(cases: &[Case], searched: &[Vec<Option<Trial>>], row: &Row) -> Result<Vec<Vec<Option<Trial>>>> {
     let mut trials = searched.to_vec();
     let Some(margin) = row.key_nodes else { return Ok(trials) };
-    let key_nodes = KeyNodes::new(KeyNodesParams { margin, ..Default::default() })?;
+    let key_nodes = KeyNodes::new(LineOfSightParams { margin, ..Default::default() })?;
     for (case, trials) in cases.iter().zip(&mut trials) {
         for trial in trials.iter_mut().flatten() {
             let start = Instant::now();

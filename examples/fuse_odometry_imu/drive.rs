@@ -1,6 +1,6 @@
 //! The hall, the vehicle, and the drive from (3, 3) by (9, -3) to (12, 0).
 
-use crate::{Result, estimates::LASERS};
+use super::{Result, estimates::LASERS};
 use agv_nav::{
     core::{geometry::wrap_angle, sensors::ImuSample},
     nalgebra::{Vector2, Vector3},

@@ -1,6 +1,6 @@
 //! The estimates that are compared, at every step of a drive.
 
-use crate::{
+use super::{
     Args, Result,
     drive::{Drive, Hall, RADIUS},
 };
@@ -139,7 +139,8 @@ fn localize<M: agv_nav::filters::particle::MotionModel<Motion = OdometryIncremen
     let field = LikelihoodField::new(&hall.map, LikelihoodFieldParams::default())?;
     let sensor = LikelihoodFieldModel::new(&field, LikelihoodFieldModelParams::default())?;
     let free_space = FreeSpace::new(&hall.map, RADIUS)?.reached_from(&drive.start.translation())?;
-    let params = MclParams { particles: args.particles as usize, ..MclParams::default() };
+    let params =
+        MclParams { particles: args.particles as usize, refine: !args.mean_of_particles, ..MclParams::default() };
     let mut mcl = Mcl::new(model, sensor, free_space, params, seed)?.with_parallelism(args.common.par());
     mcl.initialize(&around(drive.start)?)?;
     let mut poses = Vec::new();

@@ -10,10 +10,10 @@ use agv_nav::{
     filters::{
         marker::{MarkerLocalizer, MarkerLocalizerParams},
         particle::{
-            Amcl, AmclParams, DifferentialOdometryModel, EffectiveSampleSizeBelow, KldParams, KldSampling,
-            LikelihoodFieldModel, LikelihoodFieldModelParams, LikelihoodSearch, LikelihoodSearchParams, MarkerModel,
-            MarkerModelParams, MarkerProposal, Mcl, MclParams, MotionThreshold, OdometryNoise, PoseProposal,
-            RecoveryParams, SampleSize, Sensors, Systematic, TemperingParams, UniformProposal,
+            Amcl, AmclParams, DifferentialOdometryModel, EffectiveSampleSizeBelow, ImprovedSwarm, KldParams,
+            KldSampling, LikelihoodFieldModel, LikelihoodFieldModelParams, LikelihoodSearch, LikelihoodSearchParams,
+            MarkerModel, MarkerModelParams, MarkerProposal, Mcl, MclParams, MotionThreshold, OdometryNoise,
+            PoseProposal, RecoveryParams, SampleSize, Sensors, Systematic, TemperingParams, UniformProposal,
         },
     },
     nalgebra::{Matrix3, Vector3},
@@ -106,6 +106,9 @@ impl Kind {
 pub(crate) trait Filter {
     fn start(&mut self, belief: &PoseBelief<Se2>) -> Result<()>;
 
+    /// Starts from paper 001's improved swarm: spread evenly over the map, and drawn again by what is seen first.
+    fn start_by(&mut self, scan: &LaserScan) -> Result<()>;
+
     /// Follows a step; whether a scan was applied.
     fn follow(&mut self, step: &Step) -> Result<bool>;
 
@@ -127,6 +130,11 @@ macro_rules! filter_methods {
     ($inner:tt) => {
         fn start(&mut self, belief: &PoseBelief<Se2>) -> Result<()> {
             Ok(self.$inner.initialize(belief)?)
+        }
+
+        fn start_by(&mut self, scan: &LaserScan) -> Result<()> {
+            self.$inner.initialize_swarm(&ImprovedSwarm::default(), &[scan])?;
+            Ok(())
         }
 
         fn pose(&self) -> Option<Se2> {

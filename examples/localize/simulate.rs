@@ -7,7 +7,7 @@ use agv_nav::{
     filters::particle::FreeSpace,
     plan::{
         grid::{AStar, AStarParams, GridParams},
-        smooth::{KeyNodes, KeyNodesParams, Straightened},
+        smooth::{KeyNodes, LineOfSightParams, Straightened},
     },
     prelude::*,
 };
@@ -34,7 +34,7 @@ pub(crate) fn drive(map: Grid<CellState>, metres: f64, seed: Seed) -> Result<Dri
     let costmap = Inflation::new(InflationParams::for_footprint(&footprint))?.inflate(&map)?;
     let grid = GridParams { cost_weight: 2.0, ..GridParams::default() };
     let astar = AStar::new(AStarParams { grid, start_tolerance: 0.5, ..AStarParams::default() })?;
-    let key_nodes = KeyNodes::new(KeyNodesParams { max_cost: 100, ..KeyNodesParams::default() })?;
+    let key_nodes = KeyNodes::new(LineOfSightParams { max_cost: 100, ..LineOfSightParams::default() })?;
     let (mut planner, mut path) = (Straightened::new(astar, key_nodes), Path::new());
     let mut tracker = PurePursuit::new(PurePursuitParams::default())?;
 

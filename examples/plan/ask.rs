@@ -1,15 +1,11 @@
 //! Asks the queries, times the answers and judges them.
 
 use super::{
-    Args, Result, lines,
+    Args, lines,
     planners::Planner,
     site::{Query, Site},
 };
-use agv_nav::core::{
-    metrics::Statistics,
-    path::Path,
-    roles::{NoPathReason, PlanOutcome},
-};
+use agv_nav::core::{metrics::Statistics, path::Path, roles::PlanOutcome};
 use agv_support::{cli::Report, progress::Progress};
 use std::time::Instant;
 
@@ -23,7 +19,8 @@ pub(crate) struct Tally {
     unsolved: usize,
     mismatches: usize,
     first_mismatch: Option<String>,
-    reason: Option<NoPathReason>,
+    /// Of the first query without a path.
+    reason: Option<String>,
     prepare_ms: f64,
     micros: Vec<f64>,
     expansions: u64,
@@ -32,13 +29,14 @@ pub(crate) struct Tally {
     ratios: Vec<f64>,
 }
 
-pub(crate) fn all(args: &Args, site: &Site, planner: &mut dyn Planner) -> Result<Tally> {
+pub(crate) fn all(args: &Args, site: &Site, planner: &mut dyn Planner) -> Tally {
     let mut tally = Tally { queries: site.queries.len(), ..Default::default() };
     let mut path = Path::new();
     // The way from a place to itself: the planner sees the map, and nothing is searched.
     if let Some(Query { start, .. }) = site.queries.first() {
         let begin = Instant::now();
-        planner.plan_into(&site.costmap, start, start, &mut path)?;
+        // A place off the map is refused, once the map was seen; the queries say so.
+        let _ = planner.plan_into(&site.costmap, start, start, &mut path);
         tally.prepare_ms = begin.elapsed().as_secs_f64() * 1e3;
     }
     let repeats = if args.algorithm.remembers() { 1 } else { args.repeats };
@@ -47,27 +45,31 @@ pub(crate) fn all(args: &Args, site: &Site, planner: &mut dyn Planner) -> Result
         let (mut fastest, mut outcome) = (f64::INFINITY, None);
         for _ in 0..repeats {
             let begin = Instant::now();
-            let answer = planner.plan_into(&site.costmap, &query.start, &query.goal, &mut path)?;
+            let answer = planner.plan_into(&site.costmap, &query.start, &query.goal, &mut path);
             fastest = fastest.min(begin.elapsed().as_secs_f64() * 1e6);
             outcome = Some(answer);
         }
         tally.micros.push(fastest);
         match outcome {
-            Some(PlanOutcome::Found { cost, expansions }) => {
+            Some(Ok(PlanOutcome::Found { cost, expansions })) => {
                 tally.expansions += expansions;
                 tally.lengths += cost;
                 let length = cost / site.resolution();
                 tally.judge(args, site, (number, query), length, &path);
             }
-            Some(PlanOutcome::NoPath { reason, expansions }) => {
+            Some(Ok(PlanOutcome::NoPath { reason, expansions })) => {
                 tally.expansions += expansions;
                 tally.unsolved += 1;
-                tally.reason.get_or_insert(reason);
+                tally.reason.get_or_insert_with(|| format!("{reason:?}"));
+            }
+            Some(Err(refusal)) => {
+                tally.unsolved += 1;
+                tally.reason.get_or_insert_with(|| refusal.to_string());
             }
             _ => tally.unsolved += 1,
         }
     }
-    Ok(tally)
+    tally
 }
 
 impl Tally {
@@ -122,8 +124,8 @@ impl Tally {
             let mean = ratios.sorted().iter().sum::<f64>() / ratios.count() as f64;
             report.number("ratio_mean", mean).number("ratio_min", ratios.min()).number("ratio_max", ratios.max());
         }
-        if let Some(reason) = self.reason {
-            report.text("reason", format!("{reason:?}"));
+        if let Some(reason) = &self.reason {
+            report.text("reason", reason);
         }
         if let Some(mismatch) = &self.first_mismatch {
             report.text("first_mismatch", mismatch);

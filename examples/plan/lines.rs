@@ -3,7 +3,7 @@
 use super::planners::Algorithm;
 use agv_nav::{
     core::{
-        grid::{Cell, Costmap, cost},
+        grid::{Cell, Costmap},
         path::Path,
     },
     nalgebra::Vector2,
@@ -15,7 +15,7 @@ const ROUNDING: f64 = 1e-6;
 
 /// Whether no line of the path enters what is blocked. Anya's lines may touch edges and corners, Theta*'s may not.
 pub(crate) fn are_free(algorithm: Algorithm, costmap: &Costmap, path: &Path) -> bool {
-    let sight = LineOfSight { max_cost: cost::MAX_NON_OBSTACLE, unknown_blocks: true, margin: 0.0 };
+    let sight = LineOfSight::default();
     path.points().windows(2).all(|pair| {
         let [from, to] = [0, 1].map(|end: usize| pair[end].pose.translation());
         match algorithm {

@@ -11,7 +11,9 @@ pub(crate) fn longest(file: &Path, args: &Args, site: &Site, planner: &mut dyn P
     };
     let Some(query) = site.queries.iter().max_by(|a, b| length(a).total_cmp(&length(b))) else { return Ok(()) };
     let mut way = path::Path::new();
-    planner.plan_into(&site.costmap, &query.start, &query.goal, &mut way)?;
+    if planner.plan_into(&site.costmap, &query.start, &query.goal, &mut way).is_err() {
+        return Ok(()); // off the map: nothing to draw, and said in the report
+    }
     Scene::new(format!("The longest path, by {}", args.algorithm.name()))
         .width(900)
         .map(&site.map)

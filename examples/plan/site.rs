@@ -89,17 +89,13 @@ fn scenario_queries(map: &Grid<CellState>, path: &Path) -> Result<Vec<Query>> {
     queries.collect()
 }
 
-/// The centre of the cell in this column and row, counted from the top.
+/// The centre of the cell in this column and row, counted from the top; whether it is on the map, the planner says.
 fn pose_in_image(map: &Grid<CellState>, [column, row]: [f64; 2]) -> Result<Se2> {
     let layout = map.layout();
-    let (width, height) = (layout.width() as f64, layout.height() as f64);
     if column.fract() != 0.0 || row.fract() != 0.0 {
         return Err(format!("({column}, {row}): column and row are whole numbers").into());
     }
-    if !((0.0..width).contains(&column) && (0.0..height).contains(&row)) {
-        return Err(format!("({column}, {row}) lies outside the map of {width} x {height} cells").into());
-    }
-    let point = layout.to_map(&Vector2::new(column + 0.5, height - row - 0.5));
+    let point = layout.to_map(&Vector2::new(column + 0.5, layout.height() as f64 - row - 0.5));
     Ok(pose_at(point))
 }
 

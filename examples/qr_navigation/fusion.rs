@@ -1,6 +1,6 @@
 //! Table 5 of paper 001: the position by the particles, by the camera, and by both, beside what can be had at best.
 
-use crate::{Result, laps::Run};
+use super::{Result, laps::Run};
 use agv_nav::{
     core::geometry::UncertainPose,
     filters::marker::fuse_poses,

@@ -1,6 +1,6 @@
 //! Laps through the ring of codes, and a stop at the station after each.
 
-use crate::{
+use super::{
     Result,
     pilot::{Pilot, Variant},
     site::{DT, Site},

@@ -1,6 +1,6 @@
 //! What the vehicle knows of its pose: by the laser, by codes, or by both.
 
-use crate::{
+use super::{
     Result,
     laps::Runs,
     site::{DT, Site},

@@ -1,6 +1,6 @@
 //! The site: a room of 10 m by 10 m, a lap through it, and a ring of codes along the lap.
 
-use crate::Result;
+use super::Result;
 use agv_nav::{
     core::{
         kinematics::MotionLimits,

@@ -1,7 +1,19 @@
 //! Ready-made compositions of the parts, one file each. They hold roles, not algorithms: every part can be replaced.
+//!
+//! | composition | from | through | to |
+//! |---|---|---|---|
+//! | [`Navigator`] | odometry, scans | localizer, global planner, path tracker | motions along a path in a known map |
+//! | [`Navigation`] | a pose, what is seen around | global planner, local planner, recoveries | motions among unknown and moving obstacles |
+//! | [`Centring`] | a pose | path tracker | motions onto a code |
+//!
+//! The pose that a [`Navigation`] takes may be a [`Navigator`]'s estimate, or any other.
 
 mod centring;
+mod navigation;
 mod navigator;
 
 pub use centring::{Centring, CentringParams, CentringStatus, CentringStep};
+pub use navigation::{
+    GiveUpReason, Navigation, NavigationCommand, NavigationParams, NavigationRequest, NavigationStatus, Recovery,
+};
 pub use navigator::{NavigationStep, Navigator};

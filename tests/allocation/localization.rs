@@ -2,7 +2,7 @@
 
 use crate::{
     counter,
-    scenes::{adaptive_filter, circle, initialized, localize, localize_adaptively},
+    scenes::{adaptive_filter, circle, equipped, initialized, localize, localize_adaptively},
 };
 use agv_nav::{
     core::{compute::Par, geometry::UncertainPose, sensors::PoseObservation},
@@ -40,6 +40,17 @@ fn adaptive_monte_carlo_localisation() {
     let mut fresh = 0;
     assert_eq!(counter::count(|| fresh = localize_adaptively(&mut filter, &drive[1..])), 0);
     assert!(fresh > 0, "the drive must exercise the search");
+}
+
+/// Two lasers and codes on one filter, from anywhere.
+#[test]
+fn several_lasers_and_codes() {
+    let round = equipped::round(30);
+    let mut filter = equipped::filter(Par::Seq);
+    equipped::run(&mut filter, &round[..4]);
+    let mut applied = (0, 0);
+    assert_eq!(counter::count(|| applied = equipped::run(&mut filter, &round[4..])), 0);
+    assert!(applied.0 > 20 && applied.1 > 3, "{applied:?}");
 }
 
 #[test]

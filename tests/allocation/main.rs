@@ -3,15 +3,18 @@
 //! A component is added by a test in the file of its subject: warm it up, then `counter::count` around its updates.
 
 mod counter;
+mod elastic_band;
 mod frames_and_solvers;
 mod gaussian;
 mod grids;
+mod kalman;
 mod localization;
 mod mapping;
 mod particle_models;
 mod planning;
 #[path = "../scenes/mod.rs"]
 mod scenes;
+mod seeing;
 mod sensors;
 mod simulation;
 mod tracking;

@@ -3,18 +3,26 @@
 use crate::{counter, scenes};
 use agv_nav::core::{
     compute::Seed,
-    geometry::Se2,
-    grid::{Cell, CellState, Costmap, Inflation, InflationParams, cost},
+    geometry::{Se2, Twist2},
+    grid::{
+        Cell, CellState, CollisionParams, Costmap, Footprint, Inflation, InflationParams, LocalMap, LocalMapParams,
+        ObstacleMap, cost,
+    },
+    kinematics::MotionLimits,
+    nalgebra::Vector2,
+    obstacle::MovingObstacle,
     path::Path,
-    roles::{GlobalPlanner, PlanOutcome},
+    roles::{GlobalPlanner, LocalPlanRequest, LocalPlanner, PlanOutcome, VehicleState},
 };
 use agv_nav::plan::{
     aco::{AntColony, ColonyParams, SparrowParams, SparrowSearch},
+    dwa::{Dwa, DwaParams},
     grid::{
         AStar, AStarParams, Anya, Bidirectional, Components, Connectivity, DStarLite, Dijkstra, GridParams,
         GridPlannerParams, GridSpace, Jps, JpsPlus, LazyThetaStar, Potential, ThetaStar,
     },
-    smooth::{KeyNodes, KeyNodesParams},
+    hybrid::{HybridAStar, HybridAStarParams},
+    smooth::{CurvatureSmoother, CurvatureSmootherParams, KeyNodes, LineOfSightParams, PathSmoother, TautString},
 };
 
 /// The room inflated, and the same with another pillar.
@@ -121,16 +129,76 @@ fn potential_and_components() {
     }
 }
 
+/// Two queries for a vehicle that steers, one of them through a gap that leaves it 5 cm on either side.
 #[test]
-fn key_nodes() {
+fn hybrid_a_star() {
+    let mut map = scenes::room();
+    for y in (0..102).filter(|y| !(48..56).contains(y)) {
+        map.set(Cell::new(80, y), CellState::Occupied);
+    }
+    let costmap = Costmap::from_map(&map);
+    let footprint = Footprint::rectangle(-0.15, 0.4, 0.3).unwrap();
+    let mut planner = HybridAStar::new(HybridAStarParams::for_turning_radius(0.5).unwrap(), footprint).unwrap();
+    let ([start, goal], mut path) = (corners(), Path::new());
+    let mut round = || {
+        for (from, to) in [(&start, &goal), (&goal, &start)] {
+            let outcome = planner.plan_into(&costmap, from, to, &mut path);
+            assert!(matches!(outcome, Ok(PlanOutcome::Found { .. })), "{outcome:?}");
+        }
+    };
+    round();
+    assert_eq!(counter::count(round), 0);
+}
+
+#[test]
+fn smoothers() {
     let [costmap, _] = costmaps();
-    let (mut path, mut short) = (Path::new(), Path::new());
+    let (mut path, mut smooth) = (Path::new(), Path::new());
     let mut planner = AStar::new(AStarParams::default()).unwrap();
     let [start, goal] = corners();
     planner.plan_into(&costmap, &start, &goal, &mut path).unwrap();
-    let key_nodes = KeyNodes::new(KeyNodesParams::default()).unwrap();
-    let mut run = || key_nodes.shorten_into(&costmap, &path, &mut short).unwrap();
+    let sight = LineOfSightParams::default();
+    let smoothers: [Box<dyn PathSmoother>; 2] =
+        [Box::new(KeyNodes::new(sight).unwrap()), Box::new(TautString::new(sight).unwrap())];
+    for mut smoother in smoothers {
+        let mut run = || smoother.smooth_into(&costmap, &path, &mut smooth).unwrap();
+        run();
+        assert_eq!(counter::count(run), 0);
+        assert!(smooth.len() < path.len());
+    }
+    let obstacles = ObstacleMap::new(&scenes::room(), CollisionParams::default(), Some(1.0)).unwrap();
+    let mut smoother = CurvatureSmoother::new(CurvatureSmootherParams::default()).unwrap();
+    let footprint = Footprint::circle(0.2).unwrap();
+    let mut run = || assert!(smoother.smooth_into(&obstacles, &footprint, &path, &mut smooth).is_ok());
     run();
     assert_eq!(counter::count(run), 0);
-    assert!(short.len() < path.len());
+}
+
+#[test]
+fn the_dynamic_window() {
+    let mut changed = scenes::room();
+    changed.set(Cell::new(90, 50), CellState::Occupied);
+    let costmaps = [scenes::room(), changed].map(|map| Costmap::from_map(&map));
+    let mut map = LocalMap::new(&costmaps[0], LocalMapParams::default()).unwrap();
+    let mut dwa = Dwa::new(DwaParams::for_footprint(&Footprint::rectangle(-0.2, 0.3, 0.4).unwrap())).unwrap();
+    let path = Path::from_positions(&[Vector2::new(0.6, 0.6), Vector2::new(3.5, 2.0)]).unwrap();
+    let limits = MotionLimits::default();
+    let person = [MovingObstacle::new(Vector2::new(3.0, 0.5), Vector2::new(0.0, 0.3), 0.2).unwrap()];
+    let mut round = || {
+        let mut state = VehicleState::new(Se2::new(0.6, 0.6, 0.0), Twist2::ZERO);
+        for cycle in 0..60 {
+            map.update(&costmaps[cycle / 10 % 2]).unwrap();
+            let request =
+                LocalPlanRequest { state, path: &path, map: &map, obstacles: &person, limits: &limits, dt: 0.1 };
+            state = state.after(&dwa.command(request).unwrap().motion, 0.1);
+        }
+        state
+    };
+    let first = round();
+    assert_ne!(first.map_from_base, Se2::new(0.6, 0.6, 0.0));
+    round();
+    let again = || {
+        round();
+    };
+    assert_eq!(counter::count(again), 0);
 }

@@ -116,5 +116,7 @@ table! {
     plan::aco::SparrowParams,
     plan::grid::AStarParams,
     plan::grid::GridPlannerParams,
-    plan::smooth::KeyNodesParams,
+    plan::hybrid::HybridAStarParams,
+    plan::smooth::CurvatureSmootherParams,
+    plan::smooth::LineOfSightParams,
 }

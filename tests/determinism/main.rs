@@ -8,6 +8,7 @@ mod digest;
 mod grids;
 mod localization;
 mod particle_models;
+mod planning;
 mod sensing;
 mod threads;
 mod tuning;

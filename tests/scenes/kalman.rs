@@ -12,8 +12,8 @@ use agv_nav::core::{
 use agv_nav::filters::{
     fusion::{FusionFilter, FusionOutcome, FusionParams, SourceId, SourceParams},
     kalman::{
-        BootstrapFilter, Ekf, Gate, GaussianBelief, Landmark, PlanarPose, RtsSmoother, Ukf, UkfParams, Unicycle,
-        UnicycleParams,
+        BootstrapFilter, Ekf, Gate, GaussianBelief, IterationParams, Landmark, PlanarPose, RtsSmoother, Ukf, UkfParams,
+        Unicycle, UnicycleParams,
     },
     landmark::{LandmarkFilter, LandmarkFilterParams, LandmarkMap},
     marker::{MarkerLocalizer, MarkerLocalizerParams, MarkerMap, SourceSwitch, SourceSwitchParams, SwitchInput},
@@ -64,6 +64,24 @@ fn steps(range: Range<u32>, mut step: impl FnMut(&Unicycle, &Landmark, &Vector2<
     for k in range {
         step(&drive, &Landmark::new(reflector(k).1, &sigmas()).unwrap(), &reading(k));
     }
+}
+
+pub(crate) fn ekf() -> Ekf<PlanarPose, 3> {
+    Ekf::from(first_belief())
+}
+
+/// Every third step corrects iteratively.
+pub(crate) fn run_ekf(filter: &mut Ekf<PlanarPose, 3>, range: Range<u32>) {
+    let mut iterated = 0;
+    steps(range, |drive, landmark, reading| {
+        filter.predict(drive, &TWIST, DT).unwrap();
+        iterated += 1;
+        if iterated % 3 == 0 {
+            filter.update_iterated(landmark, reading, &Gate::OPEN, &IterationParams::default()).unwrap();
+        } else {
+            assert!(filter.update(landmark, reading, &Gate::OPEN).unwrap().accepted);
+        }
+    });
 }
 
 pub(crate) fn ukf() -> Ukf<PlanarPose, 3> {

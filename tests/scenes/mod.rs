@@ -1,6 +1,7 @@
 //! Small worlds that the acceptance tests share.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
+pub(crate) mod equipped;
 pub(crate) mod kalman;
 pub(crate) mod models;
 
@@ -137,27 +138,41 @@ pub(crate) fn cluttered(width: usize, height: usize) -> Grid<CellState> {
     Grid::new(GridLayout::new(width, height, 0.05, Se2::new(-3.0, 2.0, 0.0)).unwrap(), cells).unwrap()
 }
 
-/// A circle in the room: odometry and scan of each step, by marching along the beams.
+/// A circle in the room: odometry and scan of each step.
 pub(crate) fn circle(steps: usize) -> Vec<(OdometryIncrement, LaserScan)> {
-    let map = room();
+    let (map, geometry) = (room(), ahead());
+    let motion = circle_step();
     let mut pose = start();
+    let drive = (0..steps).map(|_| {
+        pose = pose * motion.start_from_end;
+        (motion, seen(&map, &pose, geometry))
+    });
+    drive.collect()
+}
+
+/// What the odometry says of each step of [`circle`].
+pub(crate) fn circle_step() -> OdometryIncrement {
     let step = Twist2::new(0.25, 0.0, 0.2).integrate(1.0);
-    let motion = OdometryIncrement::between(Stamp::default(), &Se2::identity(), Stamp::default(), &step).unwrap();
-    let geometry = ScanGeometry { angle_min: -2.0, angle_increment: 4.0 / 179.0, ..Default::default() };
-    let mut drive = Vec::new();
-    for _ in 0..steps {
-        pose = pose * step;
-        let range = |beam: usize| {
-            let (sin, cos) = (pose.yaw() + geometry.angle(beam)).sin_cos();
-            let hit = (0..1000).map(|k| f64::from(k) * 0.01).find(|r| {
-                let cell = map.layout().cell_at(&[pose.x() + r * cos, pose.y() + r * sin].into());
-                cell.is_none_or(|cell| map.get(cell) == Some(&CellState::Occupied))
-            });
-            hit.unwrap_or(f64::INFINITY) as f32
-        };
-        drive.push((motion, LaserScan::new(Stamp::default(), geometry, (0..180).map(range).collect()).unwrap()));
-    }
-    drive
+    OdometryIncrement::between(Stamp::default(), &Se2::identity(), Stamp::default(), &step).unwrap()
+}
+
+/// A laser of 180 beams that looks ahead.
+pub(crate) fn ahead() -> ScanGeometry {
+    ScanGeometry { angle_min: -2.0, angle_increment: 4.0 / 179.0, ..Default::default() }
+}
+
+/// What a laser sees from a vehicle at `pose`, by marching along the beams.
+pub(crate) fn seen(map: &Grid<CellState>, pose: &Se2, geometry: ScanGeometry) -> LaserScan {
+    let eye = *pose * geometry.base_from_sensor;
+    let range = |beam: usize| {
+        let (sin, cos) = (eye.yaw() + geometry.angle(beam)).sin_cos();
+        let hit = (0..1000).map(|k| f64::from(k) * 0.01).find(|r| {
+            let cell = map.layout().cell_at(&[eye.x() + r * cos, eye.y() + r * sin].into());
+            cell.is_none_or(|cell| map.get(cell) == Some(&CellState::Occupied))
+        });
+        hit.unwrap_or(f64::INFINITY) as f32
+    };
+    LaserScan::new(Stamp::default(), geometry, (0..180).map(range).collect()).unwrap()
 }
 
 /// Where the circle starts.

@@ -22,8 +22,8 @@ pub(crate) fn astar(space: &GridSpace, query: &Query) -> Option<u32> {
     pathfinding::directed::astar::astar(&start, successors, |&n| octile.estimate(n), |&n| n == goal).map(|r| r.1)
 }
 
-/// `grid_pathfinding`'s jump point search. It knows one rule of corners only, by which a diagonal step may pass a blocked
-/// cell, so that its paths are shorter than ours where that pays, and other ones are searched.
+/// `grid_pathfinding`'s jump point search. It knows one rule of corners only, `CornerRule::Free`: a diagonal step may squeeze
+/// between two blocked cells.
 pub(crate) fn jump_grid(set: &Set) -> PathingGrid {
     let layout = set.costmap.layout();
     let mut grid = PathingGrid::new(layout.width(), layout.height(), false);
@@ -39,6 +39,20 @@ pub(crate) fn jump_grid(set: &Set) -> PathingGrid {
 
 /// Number of its way points.
 pub(crate) fn jump(grid: &PathingGrid, query: &Query) -> usize {
+    way_points(grid, query).len()
+}
+
+/// Length of its path, in cells; none if it found none.
+pub(crate) fn jump_length(grid: &PathingGrid, query: &Query) -> Option<f64> {
+    let way = way_points(grid, query);
+    let octile = |pair: &[Point]| {
+        let (dx, dy) = (f64::from((pair[1].x - pair[0].x).abs()), f64::from((pair[1].y - pair[0].y).abs()));
+        dx.max(dy) + (std::f64::consts::SQRT_2 - 1.0) * dx.min(dy)
+    };
+    (!way.is_empty()).then(|| way.windows(2).map(octile).sum())
+}
+
+fn way_points(grid: &PathingGrid, query: &Query) -> Vec<Point> {
     let point = |cell: agv_core::grid::Cell| Point::new(cell.x, cell.y);
-    grid.get_waypoints_single_goal(point(query.start), point(query.goal), false).map_or(0, |way| way.len())
+    grid.get_waypoints_single_goal(point(query.start), point(query.goal), false).unwrap_or_default()
 }

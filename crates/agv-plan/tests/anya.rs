@@ -207,7 +207,7 @@ fn a_callback_cancels() {
         asked += 1;
         asked == 2
     };
-    let outcome = planner.plan_with_cancel(&costmap, (&start, &goal), &mut path, &mut cancel).unwrap();
+    let outcome = planner.plan_with_cancel(&costmap, &start, &goal, &mut path, &mut cancel).unwrap();
     let expansions = 2 * agv_plan::grid::Limits::CANCEL_INTERVAL;
     assert_eq!(outcome, PlanOutcome::NoPath { reason: NoPathReason::Cancelled, expansions });
     assert_eq!(path.points()[0].pose, start);

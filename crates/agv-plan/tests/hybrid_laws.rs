@@ -1,6 +1,7 @@
 //! Hybrid A*: every path can be driven, touches nothing, and leads where it was asked to.
 
 use agv_core::{
+    compute::Seed,
     geometry::{LieGroup, Se2},
     grid::{Cell, CellState, Costmap, Footprint, Grid, GridLayout, Inflation, InflationParams, cost},
     nalgebra::Vector2,
@@ -9,6 +10,7 @@ use agv_core::{
 };
 use agv_plan::hybrid::{HybridAStar, HybridAStarParams, ReedsShepp};
 use proptest::prelude::*;
+use rand_distr::{Distribution as _, Uniform};
 use std::f64::consts::PI;
 
 const REAR: f64 = -0.3;
@@ -206,8 +208,8 @@ fn why_there_is_no_path_is_said() {
     assert_eq!(reason(outcome), Some((NoPathReason::Budget, 10)));
     assert!(!path.is_empty() && fault(&gap, &path, 1.0, 0.0, 0.05).is_none());
     let mut path = Path::new();
-    let poses = (&at(&gap, 1.5, 1.5, PI / 2.0), &at(&gap, 8.5, 1.5, PI / 2.0));
-    let outcome = planner.plan_with_cancel(&Costmap::from_map(&gap), poses, &mut path, &mut || true).unwrap();
+    let (costmap, from, to) = (Costmap::from_map(&gap), at(&gap, 1.5, 1.5, PI / 2.0), at(&gap, 8.5, 1.5, PI / 2.0));
+    let outcome = planner.plan_with_cancel(&costmap, &from, &to, &mut path, &mut || true).unwrap();
     assert_eq!(reason(outcome), Some((NoPathReason::Cancelled, 0)));
     // Later: not long after it says so.
     let mut asked = 0;
@@ -215,8 +217,36 @@ fn why_there_is_no_path_is_said() {
         asked += 1;
         asked == 3
     };
-    let outcome = planner.plan_with_cancel(&Costmap::from_map(&gap), poses, &mut path, &mut third_time).unwrap();
+    let outcome = planner.plan_with_cancel(&costmap, &from, &to, &mut path, &mut third_time).unwrap();
     assert_eq!(reason(outcome), Some((NoPathReason::Cancelled, 32)));
+}
+
+/// Halls parted by a wall at any angle to the grid, with a gap in it that leaves the vehicle 5 cm on either side (and as much as
+/// cells stand back from the drawn line), and a query through it.
+#[test]
+fn gaps_of_a_hand_more_than_the_vehicle_are_found() {
+    let mut stream = Seed(4).stream(0, 0);
+    let mut draw = |from: f64, to: f64| Uniform::new(from, to).unwrap().sample(&mut stream);
+    let layout = GridLayout::new(200, 160, 0.05, Se2::default()).unwrap();
+    let params = HybridAStarParams { max_expansions: 20_000, ..params() };
+    let mut planner = HybridAStar::new(params, footprint()).unwrap();
+    for case in 0..12 {
+        let (thickness, tilt, gap_at) = (draw(0.1, 2.5), draw(-0.5, 0.5), draw(-1.5, 1.5));
+        let wall_from_map = Se2::new(5.0, 4.0, tilt).inverse();
+        // Half a cell, seen along the wall.
+        let half = 0.025 * (tilt.cos() + tilt.sin().abs());
+        let state = |i: usize| {
+            let p = wall_from_map * layout.center(layout.cell(i));
+            let is_wall = p.x.abs() < 0.5 * thickness && (p.y - gap_at).abs() > 0.35 + half;
+            if is_wall { CellState::Occupied } else { CellState::Free }
+        };
+        let map = Grid::new(layout, (0..layout.len()).map(state).collect()).unwrap();
+        let from = Se2::new(draw(1.0, 2.5), draw(1.5, 6.5), draw(-PI, PI));
+        let to = Se2::new(draw(7.5, 9.0), draw(1.5, 6.5), draw(-PI, PI));
+        let (outcome, path) = plan(&mut planner, &map, from, to);
+        assert!(matches!(outcome, PlanOutcome::Found { .. }), "{case}: {outcome:?}");
+        assert_eq!(fault(&map, &path, params.turning_radius, 0.0, params.spacing), None, "{case}");
+    }
 }
 
 #[test]

@@ -22,6 +22,7 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod bvh;
+mod clutter;
 mod code_camera;
 mod collision;
 mod drive;
@@ -49,6 +50,7 @@ mod vehicle_params;
 mod world2d;
 mod world3d;
 
+pub use clutter::{Clutter, ClutterParams};
 pub use code_camera::{CodeCamera, CodeCameraParams};
 pub use collision::Body;
 pub use drive::{Drive, WheelStates};

@@ -13,7 +13,11 @@
 //! | UTIAS landmark sightings (MRCLAM) | [`mrclam`] |
 //! | trajectories: TUM, KITTI | [`trajectory`] |
 //! | Kümmerle's relations | [`relations`] |
+<<<<<<< HEAD
 //! | pose graphs of g2o | [`g2o`] |
+=======
+//! | worlds for local planners: BARN, `DynaBARN`, MRPB | [`localplan`] |
+>>>>>>> main
 //! | clouds: PLY, PCD, KITTI and raw binary | [`cloud`] |
 //!
 //! [`cli`], [`progress`] and [`timing`] are what an example shows on the terminal, [`plot`] draws its pictures.
@@ -27,6 +31,7 @@ mod error;
 mod fields;
 pub mod g2o;
 pub mod input;
+pub mod localplan;
 pub mod log;
 pub mod map;
 pub mod movingai;
@@ -34,6 +39,7 @@ pub mod mrclam;
 pub mod plot;
 pub mod progress;
 pub mod relations;
+mod table;
 pub mod timing;
 pub mod trajectory;
 

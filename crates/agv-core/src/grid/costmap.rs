@@ -43,6 +43,14 @@ pub struct Costmap {
     history: History,
 }
 
+const fn cost_of(state: CellState) -> u8 {
+    match state {
+        CellState::Free => cost::FREE,
+        CellState::Unknown => cost::UNKNOWN,
+        CellState::Occupied => cost::LETHAL,
+    }
+}
+
 impl PartialEq for Costmap {
     fn eq(&self, other: &Self) -> bool {
         self.grid == other.grid
@@ -52,12 +60,7 @@ impl PartialEq for Costmap {
 impl Costmap {
     /// The costmap of a map without inflation: free cells cost nothing, occupied cells are lethal.
     pub fn from_map(map: &Grid<CellState>) -> Self {
-        let cost_of = |state: &CellState| match state {
-            CellState::Free => cost::FREE,
-            CellState::Unknown => cost::UNKNOWN,
-            CellState::Occupied => cost::LETHAL,
-        };
-        Self::from_costs(map.map(cost_of))
+        Self::from_costs(map.map(|&state| cost_of(state)))
     }
 
     /// A costmap from costs per cell in the scale of [`cost`].
@@ -125,6 +128,15 @@ impl Costmap {
         let grid = self.grid_mut();
         grid.reshape(*other.layout(), cost::UNKNOWN);
         grid.values_mut().copy_from_slice(other.costs());
+    }
+
+    /// Becomes [`from_map`](Self::from_map) of a map; memory is used again if it fits.
+    pub(super) fn take_states(&mut self, map: &Grid<CellState>) {
+        let grid = self.grid_mut();
+        grid.reshape(*map.layout(), cost::UNKNOWN);
+        for (cost, state) in grid.values_mut().iter_mut().zip(map.values()) {
+            *cost = cost_of(*state);
+        }
     }
 
     /// The costs as a grid; undoes [`from_costs`](Self::from_costs).

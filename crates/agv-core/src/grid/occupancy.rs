@@ -10,6 +10,7 @@ use super::{
     beam_walk::Block,
     inverse_model::{MIN_PROBABILITY, QUANTUM, log_odds, probability, quantize},
     scan_insertion::{CellUpdate, InsertionScratch, ProjectedScan, insert},
+    window::Shift,
 };
 use crate::{Error, check, geometry::Se2, sensors::LaserScan};
 use nalgebra::Vector2;
@@ -262,32 +263,12 @@ impl OccupancyGrid {
         check::in_range("center x (cells)", point.x, -far, far)?;
         check::in_range("center y (cells)", point.y, -far, far)?;
         let (width, height) = (layout.width(), layout.height());
-        let right = point.x.floor() as isize - (width / 2) as isize;
-        let up = point.y.floor() as isize - (height / 2) as isize;
-        if (right, up) == (0, 0) {
+        let shift = Shift::to_center((point.x.floor() as i64, point.y.floor() as i64), width, height);
+        if shift.is_none() {
             return Ok(false);
         }
-        let values = self.values.values_mut();
-        let (columns, rows) = (right.unsigned_abs(), up.unsigned_abs());
-        if columns >= width || rows >= height {
-            values.fill(0);
-        } else {
-            // One move of the whole block; what it wraps around the ends of rows is new, and cleared.
-            let distance = up * width as isize + right;
-            let (len, shift) = (values.len(), distance.unsigned_abs());
-            if distance > 0 {
-                values.copy_within(shift.., 0);
-            } else {
-                values.copy_within(..len - shift, shift);
-            }
-            let new_rows = if up > 0 { len - rows * width..len } else { 0..rows * width };
-            values[new_rows].fill(0);
-            let new_columns = if right > 0 { width - columns..width } else { 0..columns };
-            for row in values.chunks_exact_mut(width) {
-                row[new_columns.clone()].fill(0);
-            }
-        }
-        let corner = layout.to_map(&Vector2::new(right as f64, up as f64));
+        shift.apply(self.values.values_mut(), width, 0);
+        let corner = layout.to_map(&Vector2::new(shift.right as f64, shift.up as f64));
         let map_from_grid = Se2::from_parts(corner, layout.map_from_grid().rotation());
         self.values.reshape(GridLayout::new_unchecked(width, height, layout.resolution(), map_from_grid), 0);
         Ok(true)

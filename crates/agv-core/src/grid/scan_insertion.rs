@@ -5,7 +5,7 @@
 //! the order of the beams, even where updates clamp.
 
 use super::{
-    InverseModel, Traversal,
+    BeamEvidence, InverseModel, Traversal,
     beam_count::{BeamCounts, Bounds, CountSink},
     beam_walk::{Block, update_before_end},
     traversal::{Axis, LATTICE, LATTICE_BITS, to_lattice},
@@ -13,7 +13,7 @@ use super::{
 use crate::{
     Error, check,
     geometry::{LieGroup, Se2},
-    sensors::LaserScan,
+    sensors::{Beam, LaserScan},
 };
 
 /// What the insertion of a scan did.
@@ -74,6 +74,22 @@ impl ProjectedScan {
         map_from_lattice: &Se2,
         resolution: f64,
     ) -> Result<(), Error> {
+        let range_max = scan.geometry().range_max;
+        let read = |_: usize, beam: Beam, _: (f64, f64)| model.read(beam, range_max);
+        self.project_with(scan, map_from_base, map_from_lattice, resolution, model.reach(range_max), read)
+    }
+
+    /// As [`project`](Self::project), with what a beam says by its number, reading and direction in the lattice's frame, no
+    /// farther than `reach` metres.
+    pub(crate) fn project_with(
+        &mut self,
+        scan: &LaserScan,
+        map_from_base: &Se2,
+        map_from_lattice: &Se2,
+        resolution: f64,
+        reach: f64,
+        mut read: impl FnMut(usize, Beam, (f64, f64)) -> Option<BeamEvidence>,
+    ) -> Result<(), Error> {
         let p = map_from_base;
         check::all_finite("map_from_base", &[p.x(), p.y(), p.yaw()])?;
         self.remember_directions(scan);
@@ -88,10 +104,11 @@ impl ProjectedScan {
         self.origin = (to_lattice(x), to_lattice(y));
         self.ends.clear();
         self.ends.reserve(scan.len());
-        for (&range, &(c, s)) in scan.ranges().iter().zip(&self.directions) {
-            let Some(evidence) = model.read(scan.interpret(range), geometry.range_max) else { continue };
+        for (index, (&range, &(c, s))) in scan.ranges().iter().zip(&self.directions).enumerate() {
+            let direction = (cos * c - sin * s, sin * c + cos * s);
+            let Some(evidence) = read(index, scan.interpret(range), direction) else { continue };
             let cells = evidence.free_until * per_metre;
-            let (end_x, end_y) = (x + cells * (cos * c - sin * s), y + cells * (sin * c + cos * s));
+            let (end_x, end_y) = (x + cells * direction.0, y + cells * direction.1);
             if !(end_x.abs() <= far && end_y.abs() <= far) {
                 check::in_range("beam end x (cells)", end_x, -far, far)?;
                 check::in_range("beam end y (cells)", end_y, -far, far)?;
@@ -99,7 +116,7 @@ impl ProjectedScan {
             self.ends.push(End { x: to_lattice(end_x), y: to_lattice(end_y), hit: evidence.hit });
         }
         self.skipped = scan.len() - self.ends.len();
-        self.span = 2 * (model.reach(geometry.range_max) * per_metre).min(far) as usize + 3;
+        self.span = 2 * (reach * per_metre).min(far) as usize + 3;
         Ok(())
     }
 

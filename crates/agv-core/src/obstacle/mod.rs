@@ -1,5 +1,6 @@
 //! Obstacles that move, as planners see them.
 
+mod gap;
 mod hull;
 
 use crate::{Error, check};

@@ -67,7 +67,7 @@ pub enum PlanError {
 ///
 /// The path starts at the start pose and ends at the goal pose (or within the planner's stated tolerance), and every
 /// straight line between its points crosses only cells that the vehicle may enter. With [`PlanOutcome::NoPath`] the
-/// path is empty, except for the best-so-far path of an exhausted budget.
+/// path is empty, except for the best-so-far path of an exhausted budget or of a query that was cancelled.
 ///
 /// ```
 /// use agv_core::geometry::Se2;
@@ -88,6 +88,20 @@ pub enum PlanError {
 /// }
 /// ```
 pub trait GlobalPlanner {
+    /// As [`plan_into`](Self::plan_into), and asks `cancelled` from time to time whether to stop: often enough for a control loop
+    /// to wait for it, and not again once it said so.
+    ///
+    /// # Errors
+    /// As [`plan_into`](Self::plan_into).
+    fn plan_with_cancel(
+        &mut self,
+        costmap: &Costmap,
+        start: &Se2,
+        goal: &Se2,
+        path: &mut Path,
+        cancelled: &mut dyn FnMut() -> bool,
+    ) -> Result<PlanOutcome, PlanError>;
+
     /// Plans from `start` to `goal` (poses of the base in the map) and leaves the result in `path`, whose memory is
     /// reused.
     ///
@@ -99,5 +113,7 @@ pub trait GlobalPlanner {
         start: &Se2,
         goal: &Se2,
         path: &mut Path,
-    ) -> Result<PlanOutcome, PlanError>;
+    ) -> Result<PlanOutcome, PlanError> {
+        self.plan_with_cancel(costmap, start, goal, path, &mut || false)
+    }
 }

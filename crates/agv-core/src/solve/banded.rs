@@ -69,6 +69,37 @@ impl BandedMatrix {
         self.columns.get_mut(column * (self.half_bandwidth + 1) + below)
     }
 
+    /// Adds a symmetric block whose first row and column is `first`, of which the upper half is read; what lies outside of the
+    /// matrix or below the band is left out.
+    #[inline]
+    pub fn add_block<const K: usize>(&mut self, first: usize, block: &[[f64; K]; K]) {
+        let width = self.half_bandwidth + 1;
+        let columns = self.columns.chunks_exact_mut(width).skip(first);
+        for (j, (column, row)) in columns.zip(block).enumerate() {
+            let below = self.dimension - first - j;
+            for (entry, value) in column.iter_mut().take(below).zip(&row[j..]) {
+                *entry += value;
+            }
+        }
+    }
+
+    /// Ties an unknown to its place: its row and column become those of the unit matrix.
+    pub fn pin(&mut self, unknown: usize) {
+        for column in unknown.saturating_sub(self.half_bandwidth)..=unknown {
+            if let Some(entry) = self.entry(unknown, column) {
+                *entry = 0.0;
+            }
+        }
+        for row in unknown + 1..=unknown + self.half_bandwidth {
+            if let Some(entry) = self.entry(row, unknown) {
+                *entry = 0.0;
+            }
+        }
+        if let Some(entry) = self.entry(unknown, unknown) {
+            *entry = 1.0;
+        }
+    }
+
     /// A diagonal entry; zero outside of the matrix.
     pub(super) fn diagonal(&self, row: usize) -> f64 {
         self.columns.get(row * (self.half_bandwidth + 1)).copied().unwrap_or(0.0)
@@ -306,6 +337,31 @@ mod tests {
         for (row, column) in [(0, 1), (3, 0), (5, 4), (5, 5)] {
             assert_eq!(chain.entry(row, column), None, "{row} {column}");
         }
+    }
+
+    /// Blocks add up to the entries they were added to one by one, cut at the end; a pinned unknown does not move.
+    #[test]
+    fn blocks_are_added_and_unknowns_pinned() {
+        let block = [[4.0, 1.0, 0.5], [f64::NAN, 5.0, 0.25], [f64::NAN, f64::NAN, 6.0]];
+        let mut matrix = BandedMatrix::new(4, 2);
+        for first in 0..4 {
+            matrix.add_block(first, &block);
+        }
+        let expected = [[4.0, 0.0, 0.0, 0.0], [1.0, 9.0, 0.0, 0.0], [0.5, 1.25, 15.0, 0.0], [0.0, 0.5, 1.25, 15.0]];
+        for (i, row) in expected.iter().enumerate() {
+            for (j, &value) in row.iter().enumerate().take(i + 1).skip(i.saturating_sub(2)) {
+                assert_eq!(matrix.entry(i, j).copied(), Some(value), "{i} {j}");
+            }
+        }
+        matrix.pin(1);
+        let mut x = [0.0, 0.0, 1.0, 2.0];
+        let mut factor = BandedCholesky::new();
+        factor.factor(&matrix).unwrap();
+        factor.solve(&mut x).unwrap();
+        assert_eq!(x[1], 0.0);
+        let mut back = [0.0; 4];
+        matrix.multiply_into(&x, &mut back).unwrap();
+        assert!(back.iter().zip([0.0, 0.0, 1.0, 2.0]).all(|(a, b)| (a - b).abs() < 1e-12));
     }
 
     #[test]

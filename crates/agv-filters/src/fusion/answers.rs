@@ -4,7 +4,7 @@ use super::{
     FusedState, FusionFilter, SourceDiagnostics, SourceId,
     history::{Event, Happening, History},
     process::predict,
-    state::{DISTANCE_SCALE, GYRO_BIAS, POSE, State, VELOCITY, YAW_SCALE, anchor_at},
+    state::{DISTANCE_SCALE, GYRO_BIAS, LATENCY, POSE, State, VELOCITY, YAW_SCALE, anchor_at},
 };
 use agv_core::{Error, geometry::UncertainPose, odometry::OdometryIncrement, roles::LocalizationStatus, time::Stamp};
 
@@ -109,5 +109,6 @@ fn fused(state: &State) -> Option<FusedState> {
         gyro_bias: (state.gyro_bias, sigma(GYRO_BIAS)),
         distance_scale: (state.distance_scale, sigma(DISTANCE_SCALE)),
         yaw_scale: (state.yaw_scale, sigma(YAW_SCALE)),
+        latency: (state.latency, sigma(LATENCY)),
     })
 }

@@ -31,6 +31,11 @@ impl TryFrom<RawFilter> for FusionFilter {
         check::in_range("sources", sources.len() as f64, 0.0, MAX_SOURCES as f64)?;
         check::length("traffic", traffic.len(), sources.len())?;
         sources.iter().try_for_each(|source| source.params.validate(&params))?;
+        // There is one latency to be estimated.
+        let late = sources.iter().filter(|source| source.params.late).count();
+        if late > 1 {
+            return Err(Error::TooMany { name: "sources of unknown latency", len: late, max: 1 });
+        }
         let mut is_taken = [false; MAX_ANCHORS];
         for slot in sources.iter().filter_map(|source| source.slot).chain(outlet) {
             check::in_range("slot", f64::from(slot), 0.0, MAX_ANCHORS as f64 - 1.0)?;

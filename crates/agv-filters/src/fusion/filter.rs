@@ -25,7 +25,7 @@ pub(super) struct Traffic {
 }
 
 /// Joins odometry, inertial units, poses, places and velocities into one estimate: pose, velocity, gyro bias and, where asked
-/// for, acceleration and the wheels' scales.
+/// for, acceleration, the wheels' scales and the latency of a source of poses.
 ///
 /// Add the sources, [`initialize`](Self::initialize), and [`fuse`](Self::fuse) every measurement as it comes, in whatever order.
 /// Each is taken in at its own time; one that comes late is put to its place in the history, and all that is newer is done
@@ -113,11 +113,15 @@ impl FusionFilter {
     ///
     /// # Errors
     /// A parameter out of its range; [`Error::Empty`] for accelerations that the filter does not estimate; [`Error::TooMany`]
-    /// beyond [`MAX_SOURCES`](Self::MAX_SOURCES) or [`MAX_RELATIVE`](Self::MAX_RELATIVE).
+    /// beyond [`MAX_SOURCES`](Self::MAX_SOURCES) or [`MAX_RELATIVE`](Self::MAX_RELATIVE), or for a second source that is
+    /// [`late`](SourceParams::late).
     pub fn add_source(&mut self, params: SourceParams) -> Result<SourceId, Error> {
         let len = self.sources.len();
         if len >= MAX_SOURCES {
             return Err(Error::TooMany { name: "sources", len: len + 1, max: MAX_SOURCES });
+        }
+        if params.late && self.sources.iter().any(|source| source.params.late) {
+            return Err(Error::TooMany { name: "sources of unknown latency", len: 2, max: 1 });
         }
         let slot = if params.reference == Reference::Map { None } else { Some(self.free_slot()?) };
         self.sources.push(Source::new(params, slot, &self.params)?);
@@ -171,6 +175,7 @@ impl FusionFilter {
             p.gyro_bias_sigma,
             p.distance_scale_sigma,
             p.yaw_scale_sigma,
+            p.latency_sigma,
         ]);
         let state = State::new(stamp.unwrap_or_default(), *pose.mean(), pose.covariance(), &sigmas);
         match &mut self.history {

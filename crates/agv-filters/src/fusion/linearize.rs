@@ -11,6 +11,7 @@
 //! force                        a + ω × v - ω² l
 //! ```
 //!
+//! A source that is later than its stamps by τ saw the vehicle where it was then, `X exp(-τ v)`, as far as it kept its velocity.
 //! Wheels misread ways and turns by a share each, `true = (1 + s) read`: their readings are stretched before they are compared.
 
 use super::{
@@ -18,13 +19,15 @@ use super::{
     correct::Innovation,
     measurement::Reading,
     source::Source,
-    state::{ACCELERATION, DIMENSION, DISTANCE_SCALE, GYRO_BIAS, POSE, Row, State, VELOCITY, YAW_SCALE, anchor_at},
+    state::{
+        ACCELERATION, DIMENSION, DISTANCE_SCALE, GYRO_BIAS, LATENCY, POSE, Row, State, VELOCITY, YAW_SCALE, anchor_at,
+    },
 };
 use agv_core::{
     geometry::{LieGroup, Se2, wrap_angle},
     time::Stamp,
 };
-use nalgebra::{Matrix2, Matrix3, SMatrix, Vector2, Vector3};
+use nalgebra::{Matrix2, Matrix3, RowVector3, SMatrix, Vector2, Vector3};
 
 /// Stamps that differ by less, in seconds, are the same moment: clocks round.
 pub(super) const SAME_MOMENT: f64 = 1e-3;
@@ -43,7 +46,7 @@ pub(super) fn linearize(state: &State, reading: &Reading, source: &Source) -> Op
             let scales = if source.params.scaled { stretch(state) } else { Vector3::repeat(1.0) };
             let stretched = tangent.component_mul(&scales);
             let motion = Se2::exp(&stretched);
-            let (mut residual, mut rows) = compare(state, Some(slot), &motion, &Se2::identity());
+            let (mut residual, mut rows) = compare(state, &state.map_from_base, Some(slot), &motion, &Se2::identity());
             let turn = Se2::rotation_adjoint(&motion);
             if source.params.scaled {
                 // The reading itself moves with the scales.
@@ -68,7 +71,15 @@ pub(super) fn linearize(state: &State, reading: &Reading, source: &Source) -> Op
                     (Some(slot), *base_from_sensor * before.between(own_from_sensor))
                 }
             };
-            let (mut residual, rows) = compare(state, slot, &seen, base_from_sensor);
+            let late = if source.params.late { state.latency } else { 0.0 };
+            let back = Vector3::from(state.twist) * -late;
+            let then = state.map_from_base * Se2::exp(&back);
+            let (mut residual, mut rows) = compare(state, &then, slot, &seen, base_from_sensor);
+            if source.params.late {
+                for row in &mut rows {
+                    carry(row, state, &back);
+                }
+            }
             residual[2] = wrap_angle(residual[2]);
             let turn = Se2::rotation_adjoint(&seen);
             let spread = match source.params.reference {
@@ -149,10 +160,29 @@ fn stretch(state: &State) -> Vector3<f64> {
     Vector3::new(way, way, 1.0 + state.yaw_scale)
 }
 
-/// A sensor seen at `seen` from the anchor's base (or the map), less where the state has it.
-fn compare(state: &State, slot: Option<usize>, seen: &Se2, base_from_sensor: &Se2) -> (Vector3<f64>, [Row; 3]) {
+/// A row on the errors of `X exp(back)`, where the vehicle was, as one on those of the state: `back = -τ v` moves it by
+/// `Ad(exp(back))⁻¹ δX - τ Jr(back) δv - v δτ`.
+fn carry(row: &mut Row, state: &State, back: &Vector3<f64>) {
+    let slopes = RowVector3::new(row[POSE], row[POSE + 1], row[POSE + 2]);
+    let by_pose = slopes * Se2::exp(back).inverse().adjoint();
+    let by_velocity = slopes * Se2::right_jacobian(back) * -state.latency;
+    for i in 0..3 {
+        row[POSE + i] = by_pose[i];
+        row[VELOCITY + i] += by_velocity[i];
+    }
+    row[LATENCY] = -(slopes * Vector3::from(state.twist)).x;
+}
+
+/// A sensor seen at `seen` from the anchor's base (or the map), less where it is on a vehicle at `map_from_base`.
+fn compare(
+    state: &State,
+    map_from_base: &Se2,
+    slot: Option<usize>,
+    seen: &Se2,
+    base_from_sensor: &Se2,
+) -> (Vector3<f64>, [Row; 3]) {
     let anchor = slot.and_then(|slot| state.anchors[slot].as_ref()).map(|anchor| anchor.map_from_base);
-    let from_anchor = anchor.map_or(state.map_from_base, |anchor| anchor.between(&state.map_from_base));
+    let from_anchor = anchor.map_or(*map_from_base, |anchor| anchor.between(map_from_base));
     let lever = base_from_sensor.translation();
     let place = from_anchor.act(&lever);
     let ((c, s), away) = ((from_anchor.rotation().cos(), from_anchor.rotation().sin()), seen.translation() - place);
@@ -239,7 +269,7 @@ mod tests {
         state.drop_anchor(0, Se2::new(5.0, 4.0, -1.0), &Matrix3::zeros());
         state.map_from_base = Se2::new(1.6, -1.5, 0.9);
         (state.twist, state.acceleration) = (Twist2::new(0.8, -0.1, 0.6), Vector2::new(0.2, -0.3));
-        (state.gyro_bias, state.distance_scale, state.yaw_scale) = (0.02, 0.05, -0.04);
+        (state.gyro_bias, state.distance_scale, state.yaw_scale, state.latency) = (0.02, 0.05, -0.04, 0.3);
         state
     }
 
@@ -279,7 +309,8 @@ mod tests {
         let params = FusionParams { motion, ..FusionParams::default() };
         for (case, (reading, reference)) in readings().into_iter().enumerate() {
             let components = Components::KINEMATIC | Components::ACCELERATION;
-            let taken = SourceParams { components, reference, scaled: true, ..SourceParams::pose() };
+            let late = reference == Reference::Map;
+            let taken = SourceParams { components, reference, scaled: true, late, ..SourceParams::pose() };
             let source = Source::new(taken, Some(0), &params).unwrap();
             let residual = |k: usize, step: f64| {
                 let (mut moved, mut error) = (state(), NOTHING);

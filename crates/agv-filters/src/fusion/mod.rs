@@ -12,6 +12,12 @@
 //! - behind [`Localizer`](agv_core::roles::Localizer) and [`Correct`](agv_core::roles::Correct) it can take any other filter's
 //!   place: [`FusionFilter::connect`] says which source is meant.
 //!
+//! Beside pose and velocity it estimates, where asked for, the gyro's bias, the scales of the wheels, and by how much one source of
+//! poses in the map is later than it says ([`SourceParams::late`]). What it does not have: noise that grows with a range. A pose, a
+//! place or a velocity has no range, and its driver states a covariance; ranges and bearings are those of landmarks, and
+//! [`LandmarkFilter`](crate::landmark::LandmarkFilter) takes them in with noise in proportion to the range
+//! ([`range_share`](crate::landmark::LandmarkFilterParams::range_share)), and hands its pose on to this filter.
+//!
 //! The covariance is one of right increments, in the frame of the base.
 
 mod answers;

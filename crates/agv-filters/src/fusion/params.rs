@@ -1,5 +1,6 @@
 //! What is set once: how the vehicle moves, what is calibrated on the way, and how far back the filter remembers.
 
+use super::state::MOST_LATENCY;
 use agv_core::{Error, check, roles::StatusParams};
 
 /// A quantity that wanders around zero.
@@ -81,9 +82,12 @@ pub struct FusionParams {
     pub yaw_scale_sigma: f64,
     /// Variance that this share gains per radian.
     pub yaw_scale_walk: f64,
+    /// Standard deviation of what the measurements of the source that is [`late`](super::SourceParams::late) are older than its
+    /// latency says, in seconds; zero for a latency that is known.
+    pub latency_sigma: f64,
     /// How long measurements are kept, in seconds: later ones are not taken in any more.
     pub history: f64,
-    /// How many measurements are kept at most; each takes 4 kB.
+    /// How many measurements are kept at most; each takes some 5 kB.
     pub capacity: usize,
     /// A measurement that claims to be so many seconds ahead of all others is taken for a mistaken clock.
     pub longest_gap: f64,
@@ -107,6 +111,7 @@ impl Default for FusionParams {
             distance_scale_walk: 0.0,
             yaw_scale_sigma: 0.0,
             yaw_scale_walk: 0.0,
+            latency_sigma: 0.0,
             history: 1.0,
             capacity: 500,
             longest_gap: 30.0,
@@ -134,6 +139,7 @@ impl FusionParams {
         check::in_range("distance_scale_walk", self.distance_scale_walk, 0.0, 1.0)?;
         check::in_range("yaw_scale_sigma", self.yaw_scale_sigma, 0.0, 0.5)?;
         check::in_range("yaw_scale_walk", self.yaw_scale_walk, 0.0, 1.0)?;
+        check::in_range("latency_sigma", self.latency_sigma, 0.0, MOST_LATENCY)?;
         check::in_range("history", self.history, 0.0, LARGEST)?;
         check::in_range("capacity", self.capacity as f64, 2.0, 1e6)?;
         check::positive("longest_gap", self.longest_gap)?;

@@ -25,6 +25,9 @@ pub struct FusedState {
     pub distance_scale: (f64, f64),
     /// Share by which turns are greater than the wheels say, and its standard deviation.
     pub yaw_scale: (f64, f64),
+    /// By how much the measurements of the source that is [`late`](super::SourceParams::late) are older than its latency says, and the
+    /// standard deviation of that, in seconds.
+    pub latency: (f64, f64),
 }
 
 /// What became of a measurement.

@@ -176,6 +176,9 @@ pub struct SourceParams {
     pub gate_patience: u32,
     /// How much older its measurements are than their stamps say, in seconds.
     pub latency: f64,
+    /// Whether its latency is not known to the end: what its poses and places in the map are older than `latency` says is estimated
+    /// ([`FusionParams::latency_sigma`]). For one source whose [`Reference`] is the map.
+    pub late: bool,
     /// After so many seconds without a measurement it counts as silent.
     pub timeout: f64,
 }
@@ -192,6 +195,7 @@ impl SourceParams {
             gate: 0.9999,
             gate_patience: 0,
             latency: 0.0,
+            late: false,
             timeout: 1.0,
         }
     }
@@ -250,6 +254,13 @@ impl SourceParams {
         check::in_range("gate", self.gate, f64::MIN_POSITIVE, 1.0)?;
         check::in_range("latency", self.latency, -1e3, 1e3)?;
         check::positive("timeout", self.timeout)?;
+        if self.late && self.reference != Reference::Map {
+            return Err(Error::Empty { name: "map that a late source refers to" });
+        }
+        // Only poses and places are led back to when they were measured.
+        if self.late && !self.components.among([Components::X, Components::Y]).contains(&true) {
+            return Err(Error::Empty { name: "position that a late source measures" });
+        }
         // Accelerations that are not estimated cannot be corrected.
         let accelerates = self.components.among([Components::AX, Components::AY]).contains(&true);
         if accelerates && filter.motion.acceleration.is_none() {

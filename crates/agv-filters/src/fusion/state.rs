@@ -5,7 +5,8 @@
 //! ```text
 //! 0..3    pose map_from_base         3..6  vx, vy, yaw rate       6..8  acceleration (ax, ay)
 //! 8       bias of the gyro           9, 10 scales of distances and turns that wheels misread
-//! 11..    anchors: the poses from which motions are measured, three errors each
+//! 11      what a source is later than its latency says
+//! 12..    anchors: the poses from which motions are measured, three errors each
 //! ```
 //!
 //! An anchor is a copy of the pose of an earlier time whose correlation with everything else is kept (stochastic cloning;
@@ -27,7 +28,8 @@ pub(super) const ACCELERATION: usize = 6;
 pub(super) const GYRO_BIAS: usize = 8;
 pub(super) const DISTANCE_SCALE: usize = 9;
 pub(super) const YAW_SCALE: usize = 10;
-pub(super) const ANCHORS: usize = 11;
+pub(super) const LATENCY: usize = 11;
+pub(super) const ANCHORS: usize = 12;
 
 /// Poses that are kept at most.
 pub(super) const MAX_ANCHORS: usize = 3;
@@ -78,6 +80,7 @@ pub(super) struct State {
     pub(super) gyro_bias: f64,
     pub(super) distance_scale: f64,
     pub(super) yaw_scale: f64,
+    pub(super) latency: f64,
     pub(super) anchors: [Option<Anchor>; MAX_ANCHORS],
     pub(super) covariance: Covariance,
     pub(super) tallies: [Tally; MAX_SOURCES],
@@ -92,6 +95,9 @@ fn moved(pose: &Se2, error: &Vector3<f64>) -> Se2 {
 
 /// Greatest scale: wheels that misread by half are not to be calibrated on the way.
 const MOST_SCALE: f64 = 0.5;
+
+/// Greatest latency beyond what is stated, in seconds: a vehicle does not keep its velocity for longer.
+pub(super) const MOST_LATENCY: f64 = 1.0;
 
 impl State {
     /// A vehicle at `map_from_base` whose errors are known by their deviations; nothing is correlated yet.
@@ -113,6 +119,7 @@ impl State {
             gyro_bias: 0.0,
             distance_scale: 0.0,
             yaw_scale: 0.0,
+            latency: 0.0,
             anchors: [None; MAX_ANCHORS],
             covariance,
             tallies: [Tally::default(); MAX_SOURCES],
@@ -128,6 +135,7 @@ impl State {
         self.gyro_bias += error[GYRO_BIAS];
         self.distance_scale = (self.distance_scale + error[DISTANCE_SCALE]).clamp(-MOST_SCALE, MOST_SCALE);
         self.yaw_scale = (self.yaw_scale + error[YAW_SCALE]).clamp(-MOST_SCALE, MOST_SCALE);
+        self.latency = (self.latency + error[LATENCY]).clamp(-MOST_LATENCY, MOST_LATENCY);
         for (slot, anchor) in self.anchors.iter_mut().enumerate() {
             if let Some(anchor) = anchor {
                 anchor.map_from_base = moved(&anchor.map_from_base, &three(anchor_at(slot)));
@@ -191,6 +199,7 @@ impl State {
         check::finite("gyro_bias", self.gyro_bias)?;
         check::in_range("distance_scale", self.distance_scale, -MOST_SCALE, MOST_SCALE)?;
         check::in_range("yaw_scale", self.yaw_scale, -MOST_SCALE, MOST_SCALE)?;
+        check::in_range("latency", self.latency, -MOST_LATENCY, MOST_LATENCY)?;
         check::all_finite("covariance", self.covariance.iter().flatten())?;
         for (i, column) in self.covariance.iter().enumerate() {
             for (j, &entry) in column.iter().enumerate().take(i + 1) {

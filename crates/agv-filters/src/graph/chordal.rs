@@ -26,7 +26,7 @@ pub trait RigidMotion: LieGroup {
     /// Rotation matrix and translation, in metres.
     fn parts(&self) -> (Matrix3<f64>, Vector3<f64>);
 
-    /// The motion of the rotation that is nearest to a matrix, and of a translation in metres; none if no rotation is nearest.
+    /// The motion of the rotation that is nearest to a matrix, and of a translation in metres; none if no one rotation is nearest.
     fn nearest(matrix: &Matrix3<f64>, translation: &Vector3<f64>) -> Option<Self>;
 }
 
@@ -57,6 +57,9 @@ impl RigidMotion for Se3 {
             return None;
         }
         let svd = matrix.svd(true, true);
+        if svd.singular_values[1] <= f64::EPSILON * svd.singular_values[0] {
+            return None;
+        }
         let (u, v_t) = (svd.u?, svd.v_t?);
         let mirror = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v_t).determinant().signum()));
         let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(u * mirror * v_t));
@@ -65,8 +68,7 @@ impl RigidMotion for Se3 {
     }
 }
 
-/// Least weight of a relation, beside the greatest: one that says nothing of a rotation or a translation must not leave a pose
-/// without any.
+/// Weight of a relation that says nothing of a rotation or a translation, beside the greatest: it must not leave a pose without any.
 const LEAST_WEIGHT: f64 = 1e-6;
 
 impl<G: RigidMotion> PoseGraphSolver<G> {
@@ -77,11 +79,13 @@ impl<G: RigidMotion> PoseGraphSolver<G> {
     /// # Errors
     /// [`Error::TooMany`] for a graph that memory has no room for.
     pub fn initialize(&mut self, graph: &mut PoseGraph<G>) -> Result<bool, Error> {
-        let free = graph.blocks_into(&mut self.blocks);
+        let mut blocks = Vec::new();
+        let free = graph.blocks_into(&mut blocks);
+        let problem = Chordal { graph, free, ties: ties(graph), blocks };
         let mut system = SparseNormalEquations::default();
-        let Some(rotations) = self.rotations(graph, free, &mut system)? else { return Ok(false) };
-        let Some(translations) = self.translations(graph, free, &rotations, &mut system)? else { return Ok(false) };
-        let guess: Option<Vec<G>> = (self.blocks.iter().zip(graph.poses()).zip(&rotations))
+        let Some(rotations) = problem.rotations(&mut system)? else { return Ok(false) };
+        let Some(translations) = problem.translations(&rotations, &mut system)? else { return Ok(false) };
+        let guess: Option<Vec<G>> = (problem.blocks.iter().zip(graph.poses()).zip(&rotations))
             .map(|((block, pose), rotation)| match block {
                 None => Some(*pose),
                 Some(block) => G::nearest(rotation, &translations[*block as usize]),
@@ -93,42 +97,50 @@ impl<G: RigidMotion> PoseGraphSolver<G> {
         }
         Ok(found)
     }
+}
 
-    /// All that ties a pose to another, or to the map: the blocks of both, what was measured, and how much a rotation and a
-    /// translation weigh in it.
-    fn ties(&self, graph: &PoseGraph<G>) -> Vec<Tie> {
-        let tie = |from: Option<usize>, to: usize, measured: &G, information: &G::Matrix| {
-            let entries = G::matrix_slice(information);
-            let diagonal = |range: std::ops::Range<usize>| range.map(|i| entries[i * (G::DOF + 1)]).sum::<f64>();
-            let (rotation, translation) = measured.parts();
-            let weights = [diagonal(G::TRANSLATION_DOF..G::DOF), diagonal(0..G::TRANSLATION_DOF)];
-            Tie { from, to, rotation, translation, weights }
-        };
-        let relations =
-            graph.relations().iter().map(|r| tie(Some(r.from.index()), r.to.index(), &r.from_from_to, &r.information));
-        let priors = graph.priors().iter().map(|p| tie(None, p.pose.index(), &p.map_from_pose, &p.information));
-        let mut ties: Vec<Tie> = relations.chain(priors).collect();
-        for kind in 0..2 {
-            let greatest = ties.iter().map(|tie| tie.weights[kind]).fold(0.0, f64::max);
-            let least = if greatest > 0.0 { LEAST_WEIGHT * greatest } else { 1.0 };
-            ties.iter_mut().for_each(|tie| tie.weights[kind] = tie.weights[kind].max(least));
+/// All that ties a pose to another, or to the map.
+fn ties<G: RigidMotion>(graph: &PoseGraph<G>) -> Vec<Tie> {
+    let tie = |from: Option<usize>, to: usize, measured: &G, information: &G::Matrix| {
+        let entries = G::matrix_slice(information);
+        let diagonal = |range: std::ops::Range<usize>| range.map(|i| entries[i * (G::DOF + 1)]).sum::<f64>();
+        let (rotation, translation) = measured.parts();
+        let weights = [diagonal(G::TRANSLATION_DOF..G::DOF), diagonal(0..G::TRANSLATION_DOF)];
+        Tie { from, to, rotation, translation, weights }
+    };
+    let relations =
+        graph.relations().iter().map(|r| tie(Some(r.from.index()), r.to.index(), &r.from_from_to, &r.information));
+    let priors = graph.priors().iter().map(|p| tie(None, p.pose.index(), &p.map_from_pose, &p.information));
+    let mut ties: Vec<Tie> = relations.chain(priors).collect();
+    for kind in 0..2 {
+        let between = ties.iter().filter(|tie| tie.from.is_some());
+        let greatest = between.map(|tie| tie.weights[kind]).fold(0.0, f64::max);
+        let least = if greatest > 0.0 { LEAST_WEIGHT * greatest } else { 1.0 };
+        for tie in ties.iter_mut().filter(|tie| tie.from.is_some() && tie.weights[kind] <= 0.0) {
+            tie.weights[kind] = least;
         }
-        ties
     }
+    ties
+}
 
+/// What the linear problems are made of.
+struct Chordal<'a, G: RigidMotion> {
+    graph: &'a PoseGraph<G>,
+    /// Poses that may move, and the block of each.
+    free: usize,
+    blocks: Vec<Option<u32>>,
+    ties: Vec<Tie>,
+}
+
+impl<G: RigidMotion> Chordal<'_, G> {
     /// The nearest rotation of every pose, as matrices; none if the relations do not determine them.
-    fn rotations(
-        &self,
-        graph: &PoseGraph<G>,
-        free: usize,
-        system: &mut SparseNormalEquations,
-    ) -> Result<Option<Vec<Matrix3<f64>>>, Error> {
-        let size = G::SPACE;
-        let ties = self.ties(graph);
+    fn rotations(&self, system: &mut SparseNormalEquations) -> Result<Option<Vec<Matrix3<f64>>>, Error> {
+        let (size, free, graph) = (G::SPACE, self.free, self.graph);
         let known: Vec<Matrix3<f64>> = graph.poses().iter().map(|pose| pose.parts().0).collect();
-        system.reset(size, free, self.pairs(&ties))?;
+        system.reset(size, free, self.pairs())?;
         let mut rhs = vec![vec![0.0; free * size]; size];
-        for tie in &ties {
+        // A prior may know nothing of a rotation, or of a place.
+        for tie in self.ties.iter().filter(|tie| tie.weights[0] > 0.0) {
             let weight = tie.weights[0];
             let [from, to] = self.ends(tie);
             let entries = |matrix: Matrix3<f64>| -> Vec<f64> {
@@ -171,18 +183,16 @@ impl<G: RigidMotion> PoseGraphSolver<G> {
     /// The translation of every pose that may move, given all rotations.
     fn translations(
         &self,
-        graph: &PoseGraph<G>,
-        free: usize,
         rotations: &[Matrix3<f64>],
         system: &mut SparseNormalEquations,
     ) -> Result<Option<Vec<Vector3<f64>>>, Error> {
-        let ties = self.ties(graph);
-        system.reset(1, free, self.pairs(&ties))?;
+        let (free, graph) = (self.free, self.graph);
+        system.reset(1, free, self.pairs())?;
         let mut rhs = vec![vec![0.0; free]; 3];
         let mut add = |block: u32, pull: Vector3<f64>| {
             rhs.iter_mut().zip(pull.iter()).for_each(|(rhs, pull)| rhs[block as usize] += pull);
         };
-        for tie in &ties {
+        for tie in self.ties.iter().filter(|tie| tie.weights[1] > 0.0) {
             let weight = tie.weights[1];
             let [from, to] = self.ends(tie);
             let turned = tie.from.map_or(tie.translation, |pose| rotations[pose] * tie.translation);
@@ -211,8 +221,8 @@ impl<G: RigidMotion> PoseGraphSolver<G> {
         [tie.from.and_then(|pose| self.blocks[pose]), self.blocks[tie.to]]
     }
 
-    fn pairs<'a>(&'a self, ties: &'a [Tie]) -> impl Iterator<Item = (u32, u32)> + 'a {
-        ties.iter().filter_map(|tie| {
+    fn pairs(&self) -> impl Iterator<Item = (u32, u32)> + '_ {
+        self.ties.iter().filter_map(|tie| {
             let [from, to] = self.ends(tie);
             from.zip(to)
         })

@@ -22,4 +22,4 @@ pub use chordal::RigidMotion;
 pub use pose_graph::{PoseGraph, PoseId};
 pub use relation::{Prior, Relation};
 pub use solver::{PoseGraphSolver, PoseGraphSolverParams};
-pub use sparse::SparseNormalEquations;
+use sparse::SparseNormalEquations;

@@ -18,7 +18,7 @@ impl PoseId {
 /// Poses in a map, relations between them and priors of them.
 ///
 /// A part of the graph that has no prior, and none of whose poses is [held](Self::hold), can be moved as a whole without any
-/// relation noticing; its first pose then stays where it is.
+/// relation noticing; its first pose then stays where it is. A prior without information holds a part in name only: it drifts.
 ///
 /// ```
 /// use agv_core::geometry::{LieGroup, Se2};
@@ -108,13 +108,14 @@ impl<G: LieGroup> PoseGraph<G> {
     /// Adds a pose by a first guess of it, in the map.
     ///
     /// # Errors
-    /// [`Error::NotFinite`], or [`Error::TooMany`] beyond 2^32 of them.
+    /// [`Error::NotFinite`], or [`Error::TooMany`] beyond 2^32 - 1 of them.
     pub fn add_pose(&mut self, guess: G) -> Result<PoseId, Error> {
         if !guess.is_finite() {
             return Err(Error::NotFinite { name: "pose", value: f64::NAN });
         }
         let len = self.poses.len();
-        let id = u32::try_from(len).map_err(|_| Error::TooMany { name: "poses", len, max: u32::MAX as usize })?;
+        let max = u32::MAX as usize;
+        let id = u32::try_from(len).ok().filter(|id| *id < u32::MAX).ok_or(Error::TooMany { name: "poses", len, max })?;
         self.poses.push(guess);
         self.held.push(false);
         Ok(PoseId(id))
@@ -127,6 +128,29 @@ impl<G: LieGroup> PoseGraph<G> {
     pub fn hold(&mut self, pose: PoseId) -> Result<(), Error> {
         self.check(pose)?;
         self.held[pose.index()] = true;
+        Ok(())
+    }
+
+    /// Lets a pose that was held move again.
+    ///
+    /// # Errors
+    /// [`Error::OutOfRange`] for a pose that is not there.
+    pub fn release(&mut self, pose: PoseId) -> Result<(), Error> {
+        self.check(pose)?;
+        self.held[pose.index()] = false;
+        Ok(())
+    }
+
+    /// Moves a pose to another guess.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`], or [`Error::OutOfRange`] for a pose that is not there; nothing changes then.
+    pub fn set_pose(&mut self, pose: PoseId, guess: G) -> Result<(), Error> {
+        self.check(pose)?;
+        if !guess.is_finite() {
+            return Err(Error::NotFinite { name: "pose", value: f64::NAN });
+        }
+        self.poses[pose.index()] = guess;
         Ok(())
     }
 

@@ -27,7 +27,7 @@ use nalgebra::{SMatrix, SVector};
 
 /// Sums whose Hessian has blocks where a pattern says so; keeps its memory, and the order of factoring while the pattern stays.
 #[derive(Debug, Default)]
-pub struct SparseNormalEquations {
+pub(super) struct SparseNormalEquations {
     /// Unknowns in a block.
     size: usize,
     blocks: usize,
@@ -71,7 +71,7 @@ impl SparseNormalEquations {
     /// # Errors
     /// [`Error::OutOfRange`] for a pair of blocks that are not there, [`Error::NotPositive`] for a `size` of zero, or
     /// [`Error::TooMany`] if there is no room for the factor.
-    pub fn reset(
+    pub(super) fn reset(
         &mut self,
         size: usize,
         blocks: usize,
@@ -144,7 +144,7 @@ impl SparseNormalEquations {
     /// Adds `product`, a square matrix by columns, to the block at (`row`, `column`), and its transpose to that at (`column`, `row`)
     /// if these differ.
     #[inline]
-    pub fn add_block(&mut self, row: u32, column: u32, product: &[f64]) {
+    pub(super) fn add_block(&mut self, row: u32, column: u32, product: &[f64]) {
         let (low, high) = (row.min(column), row.max(column));
         let Some(place) = self.find(high, low) else {
             let max = self.blocks.saturating_sub(1) as f64;
@@ -164,7 +164,7 @@ impl SparseNormalEquations {
 
     /// Adds to the gradient of a block.
     #[inline]
-    pub fn add_gradient(&mut self, block: u32, slope: &[f64]) {
+    pub(super) fn add_gradient(&mut self, block: u32, slope: &[f64]) {
         let first = block as usize * self.size;
         if let Some(gradient) = self.gradient.get_mut(first..first + self.size) {
             gradient.iter_mut().zip(slope).for_each(|(sum, slope)| *sum += slope);
@@ -172,16 +172,16 @@ impl SparseNormalEquations {
     }
 
     /// Factors the Hessian as it stands, for [`substitute`](Self::substitute); false if it is not positive definite.
-    pub fn factorize(&mut self) -> bool {
-        let Some(factor) = &mut self.factor else { return true };
+    pub(super) fn factorize(&mut self) -> bool {
+        let Some(factor) = &mut self.factor else { return self.gradient.is_empty() };
         factor.damped.copy_from_slice(&self.hessian);
         factor.factorize(&self.column_starts, &self.row_indices)
     }
 
     /// Solves `H x = rhs` in place, with the Hessian that was factored last; false if the solution is not finite, or the length of
     /// `rhs` is not the number of unknowns.
-    pub fn substitute(&mut self, rhs: &mut [f64]) -> bool {
-        rhs.len() == self.gradient.len() && self.factor.as_mut().is_none_or(|factor| factor.substitute(rhs))
+    pub(super) fn substitute(&mut self, rhs: &mut [f64]) -> bool {
+        rhs.len() == self.gradient.len() && self.factor.as_mut().map_or(rhs.is_empty(), |factor| factor.substitute(rhs))
     }
 }
 

@@ -4,10 +4,7 @@
 //! such part is a hypothesis with its weight, mean and covariance. What is most likely is the mean of one of them: the mean
 //! over several lies where the vehicle is not.
 
-use super::{
-    ParticleSet, PoseBins, PoseHistogram,
-    moments::{Sums, add_terms, moments},
-};
+use super::{ParticleSet, PoseBins, PoseHistogram, moments::MomentSums};
 use agv_core::{
     Error,
     geometry::{LieGroup, Se2, UncertainPose},
@@ -55,10 +52,9 @@ pub struct Clusters {
 
 #[derive(Debug, Clone, Copy)]
 struct PartSums {
-    sums: Sums,
+    /// About a particle of the part.
+    moments: MomentSums,
     particles: usize,
-    /// A particle of the part, about which the moments are taken.
-    pivot: Vector2<f64>,
 }
 
 /// A bin that belongs to no part yet.
@@ -104,9 +100,10 @@ impl Clusters {
         self.sum_up(set);
         self.hypotheses.clear();
         for part in &self.sums {
-            if part.sums[0] > 0.0 {
-                let pose = moments(&part.sums, &part.pivot).inspect_err(|_| self.hypotheses.clear())?;
-                self.hypotheses.push(Hypothesis { weight: part.sums[0], pose, particles: part.particles });
+            let weight = part.moments.weight();
+            if weight > 0.0 {
+                let pose = part.moments.moments().inspect_err(|_| self.hypotheses.clear())?;
+                self.hypotheses.push(Hypothesis { weight, pose, particles: part.particles });
             }
         }
         self.hypotheses.sort_unstable_by(|a, b| b.weight.total_cmp(&a.weight));
@@ -132,7 +129,7 @@ impl Clusters {
                 continue;
             }
             let part = self.sums.len() as u32;
-            self.sums.push(PartSums { sums: [0.0; 12], particles: 0, pivot: Vector2::zeros() });
+            self.sums.push(PartSums { moments: MomentSums::about(Vector2::zeros()), particles: 0 });
             parts[first] = part;
             open.push(first as u32);
             while let Some(bin) = open.pop() {
@@ -150,10 +147,10 @@ impl Clusters {
         for ((pose, &weight), &bin) in set.states().iter().zip(set.weights()).zip(&self.bins) {
             let part = &mut self.sums[self.parts[bin as usize] as usize];
             if part.particles == 0 {
-                part.pivot = pose.translation();
+                part.moments = MomentSums::about(pose.translation());
             }
             part.particles += 1;
-            add_terms(&mut part.sums, pose, weight, &part.pivot);
+            part.moments.add(pose, weight);
         }
     }
 }

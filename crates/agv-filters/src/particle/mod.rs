@@ -12,6 +12,7 @@
 mod amcl;
 mod chi_square;
 mod cluster;
+mod draw;
 mod exp;
 mod free_space;
 mod gaussian;
@@ -20,6 +21,7 @@ mod kld;
 mod mcl;
 mod moments;
 mod motion;
+mod normal;
 mod per_sensor;
 mod proposal;
 mod recovery;

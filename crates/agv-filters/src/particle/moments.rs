@@ -6,6 +6,8 @@
 //! with that `R`, at most that of the uniform distribution, π²/3; the mixed part uses `sin Δθ` for `Δθ`. Since
 //! `E sin²Δθ ≤ 1 - R² ≤ -2 ln R` the matrix is positive semi-definite for any set.
 
+#![expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set found at run time")]
+
 use super::{ParticleSet, gaussian::semidefinite_root, set::chunk_of};
 use agv_core::{
     Error, check,
@@ -13,10 +15,21 @@ use agv_core::{
     geometry::{Se2, So2, UncertainPose},
 };
 use nalgebra::{Matrix2, Matrix3, Vector2};
+use pulp::{Arch, Simd, WithSimd};
 use std::f64::consts::PI;
 
-/// Sums over `(w, w x, w y, w c, w s, w x x, w x y, w y y, w x c, w x s, w y c, w y s)`.
-pub(super) type Sums = [f64; 12];
+/// Sums over weighted poses, of which mean and covariance follow.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct MomentSums {
+    /// Of `w`.
+    weight: f64,
+    /// Of `w (x, y, c, s)`.
+    first: [f64; 4],
+    /// Of `w x (x, y, c, s)` and of `w y (x, y, c, s)`.
+    second: [[f64; 4]; 2],
+    /// Moments are taken about it, not about the map's origin: the squares of large coordinates would swamp them.
+    pivot: Vector2<f64>,
+}
 
 impl ParticleSet {
     /// Weighted mean of the poses, with the covariance of the right increment.
@@ -26,59 +39,126 @@ impl ParticleSet {
     /// # Errors
     /// [`Error::NotFinite`] if the squares of the coordinates are not.
     pub fn estimate(&self, par: Par) -> Result<UncertainPose<Se2>, Error> {
-        let (poses, weights) = (self.states(), self.weights());
-        // Moments about a particle, not about the map's origin: the squares of large coordinates would swamp them.
-        let pivot = poses.first().map_or_else(Vector2::zeros, Se2::translation);
-        let sums = par
-            .map_reduce(
-                self.len().div_ceil(CHUNK),
-                |chunk| sum_chunk(chunk_of(poses, chunk), chunk_of(weights, chunk), &pivot),
-                |a, b| std::array::from_fn(|i| a[i] + b[i]),
-            )
-            .unwrap_or_default();
-        moments(&sums, &pivot)
+        let (poses, weights, pivot, arch) = (self.states(), self.weights(), self.pivot(), Arch::new());
+        par.map_reduce(
+            self.len().div_ceil(CHUNK),
+            |chunk| MomentSums::of(chunk_of(poses, chunk), chunk_of(weights, chunk), pivot, arch),
+            |a, b| a.with(&b),
+        )
+        .unwrap_or_else(|| MomentSums::about(pivot))
+        .moments()
+    }
+
+    /// A place among the particles.
+    pub(super) fn pivot(&self) -> Vector2<f64> {
+        self.states().first().map_or_else(Vector2::zeros, Se2::translation)
     }
 }
 
-fn sum_chunk(poses: &[Se2], weights: &[f64], pivot: &Vector2<f64>) -> Sums {
-    let mut sums = [0.0; 12];
-    for (pose, &w) in poses.iter().zip(weights) {
-        add_terms(&mut sums, pose, w, pivot);
+impl MomentSums {
+    /// Those of nothing yet.
+    pub(super) const fn about(pivot: Vector2<f64>) -> Self {
+        Self { weight: 0.0, first: [0.0; 4], second: [[0.0; 4]; 2], pivot }
     }
-    sums
+
+    /// Those of poses with these weights.
+    pub(super) fn of(poses: &[Se2], weights: &[f64], pivot: Vector2<f64>, arch: Arch) -> Self {
+        arch.dispatch(Weighted { poses, weights, pivot })
+    }
+
+    /// Those of two parts, about the same place, together.
+    #[inline]
+    pub(super) fn with(&self, other: &Self) -> Self {
+        Self {
+            weight: self.weight + other.weight,
+            first: std::array::from_fn(|i| self.first[i] + other.first[i]),
+            second: std::array::from_fn(|k| std::array::from_fn(|i| self.second[k][i] + other.second[k][i])),
+            pivot: self.pivot,
+        }
+    }
+
+    /// Those of all weights times a factor.
+    pub(super) fn times(&self, factor: f64) -> Self {
+        Self {
+            weight: self.weight * factor,
+            first: self.first.map(|sum| sum * factor),
+            second: self.second.map(|sums| sums.map(|sum| sum * factor)),
+            pivot: self.pivot,
+        }
+    }
+
+    /// The sum of the weights.
+    pub(super) const fn weight(&self) -> f64 {
+        self.weight
+    }
+
+    /// Adds a weighted pose.
+    #[inline(always)]
+    pub(super) fn add(&mut self, pose: &Se2, w: f64) {
+        let (x, y) = (pose.x() - self.pivot.x, pose.y() - self.pivot.y);
+        let values = [x, y, pose.rotation().cos(), pose.rotation().sin()];
+        let (wx, wy) = (w * x, w * y);
+        self.weight += w;
+        for (i, value) in values.into_iter().enumerate() {
+            self.first[i] += w * value;
+            self.second[0][i] += wx * value;
+            self.second[1][i] += wy * value;
+        }
+    }
+
+    /// The moments; the weight is to be positive.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`] if the squares of the coordinates are not.
+    pub(super) fn moments(&self) -> Result<UncertainPose<Se2>, Error> {
+        let Self { first: [x, y, c, s], second: [[xx, xy, xc, xs], [_, yy, yc, ys]], .. } =
+            self.times(1.0 / self.weight);
+        let heading = So2::from_direction(c, s);
+        let (cos, sin) = (heading.cos(), heading.sin());
+        let in_map = Matrix2::new(xx - x * x, xy - x * y, xy - x * y, yy - y * y);
+        // E[(x - x̄) sin(θ - θ̄)], and the same of y.
+        let mixed = Vector2::new((xs - x * s) * cos - (xc - x * c) * sin, (ys - y * s) * cos - (yc - y * c) * sin);
+        let rotation = Matrix2::new(cos, -sin, sin, cos);
+        let (p, k) = (rotation.transpose() * in_map * rotation, rotation.transpose() * mixed);
+        let length = c.hypot(s).min(1.0);
+        let heading_variance = (-2.0 * length.ln()).min(PI * PI / 3.0);
+        let mean = Se2::from_parts(self.pivot + Vector2::new(x, y), heading);
+        let covariance = Matrix3::new(p.m11, p.m12, k.x, p.m12, p.m22, k.y, k.x, k.y, heading_variance);
+        // Particles that agree in a direction leave rounding there, of either sign: the root leaves it out.
+        check::all_finite("covariance of the particles", covariance.iter())?;
+        UncertainPose::new(mean, covariance).or_else(|_| {
+            let root = semidefinite_root(&covariance);
+            UncertainPose::new(mean, root * root.transpose())
+        })
+    }
 }
 
-/// Adds a weighted pose.
-#[inline]
-pub(super) fn add_terms(sums: &mut Sums, pose: &Se2, w: f64, pivot: &Vector2<f64>) {
-    let (x, y) = (pose.x() - pivot.x, pose.y() - pivot.y);
-    let (c, s) = (pose.rotation().cos(), pose.rotation().sin());
-    let (wx, wy) = (w * x, w * y);
-    let terms = [w, wx, wy, w * c, w * s, wx * x, wx * y, wy * y, wx * c, wx * s, wy * c, wy * s];
-    sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+/// The sums over a chunk, compiled once for each instruction set.
+struct Weighted<'a> {
+    poses: &'a [Se2],
+    weights: &'a [f64],
+    pivot: Vector2<f64>,
 }
 
-/// The moments that sums of positive weight amount to.
-pub(super) fn moments(sums: &Sums, pivot: &Vector2<f64>) -> Result<UncertainPose<Se2>, Error> {
-    let scale = 1.0 / sums[0];
-    let [_, x, y, c, s, xx, xy, yy, xc, xs, yc, ys] = sums.map(|sum| sum * scale);
-    let heading = So2::from_direction(c, s);
-    let (cos, sin) = (heading.cos(), heading.sin());
-    let in_map = Matrix2::new(xx - x * x, xy - x * y, xy - x * y, yy - y * y);
-    // E[(x - x̄) sin(θ - θ̄)], and the same of y.
-    let mixed = Vector2::new((xs - x * s) * cos - (xc - x * c) * sin, (ys - y * s) * cos - (yc - y * c) * sin);
-    let rotation = Matrix2::new(cos, -sin, sin, cos);
-    let (p, k) = (rotation.transpose() * in_map * rotation, rotation.transpose() * mixed);
-    let length = c.hypot(s).min(1.0);
-    let heading_variance = (-2.0 * length.ln()).min(PI * PI / 3.0);
-    let mean = Se2::from_parts(pivot + Vector2::new(x, y), heading);
-    let covariance = Matrix3::new(p.m11, p.m12, k.x, p.m12, p.m22, k.y, k.x, k.y, heading_variance);
-    // Particles that agree in a direction leave rounding there, of either sign: the root leaves it out.
-    check::all_finite("covariance of the particles", covariance.iter())?;
-    UncertainPose::new(mean, covariance).or_else(|_| {
-        let root = semidefinite_root(&covariance);
-        UncertainPose::new(mean, root * root.transpose())
-    })
+impl WithSimd for Weighted<'_> {
+    type Output = MomentSums;
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> MomentSums {
+        // Two sums side by side: an addition waits for the one before.
+        let mut sums = [MomentSums::about(self.pivot); 2];
+        let (poses, last_pose) = self.poses.as_chunks::<2>();
+        let (weights, last_weight) = self.weights.as_chunks::<2>();
+        for (poses, weights) in poses.iter().zip(weights) {
+            for ((sums, pose), &w) in sums.iter_mut().zip(poses).zip(weights) {
+                sums.add(pose, w);
+            }
+        }
+        for (pose, &w) in last_pose.iter().zip(last_weight) {
+            sums[0].add(pose, w);
+        }
+        sums[0].with(&sums[1])
+    }
 }
 
 #[cfg(test)]

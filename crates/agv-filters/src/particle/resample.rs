@@ -59,17 +59,15 @@ impl Resampler for Systematic {
         for (first, weights) in (0_u32..).step_by(BLOCK).zip(weights.chunks(BLOCK)) {
             let mut ends = [0.0; BLOCK];
             total = running_sums(total, weights, &mut ends);
-            for (index, end) in (first..).zip(&ends[..weights.len()]) {
-                if let Some(ancestor) = ancestors.get_mut(start) {
+            let ends = ends.map(|end| ceiling(end * scale - offset));
+            for (index, &end) in (first..).zip(&ends[..weights.len()]) {
+                if let Some(ancestor) = ancestors.get_mut(start as usize) {
                     *ancestor = index;
                 }
-                start = ceiling(end * scale - offset);
+                start = end;
             }
         }
-        ancestors.iter_mut().fold(0, |last, ancestor| {
-            *ancestor = last.max(*ancestor);
-            *ancestor
-        });
+        running_maxima(ancestors);
     }
 }
 
@@ -103,12 +101,29 @@ fn running_sums(mut sum: f64, values: &[f64], sums: &mut [f64; BLOCK]) -> f64 {
     sum
 }
 
+/// Replaces each number by the greatest up to it.
+fn running_maxima(values: &mut [u32]) {
+    // Four at a time, as above.
+    let (fours, rest) = values.as_chunks_mut::<4>();
+    let mut greatest = 0;
+    for four in fours {
+        let [a, b, c, d] = *four;
+        let (ab, cd) = (a.max(b), c.max(d));
+        *four = [greatest.max(a), greatest.max(ab), greatest.max(ab.max(c)), greatest.max(ab.max(cd))];
+        greatest = four[3];
+    }
+    for value in rest {
+        greatest = greatest.max(*value);
+        *value = greatest;
+    }
+}
+
 /// The least whole number that is not below a value in (-1, 2³¹).
 #[inline]
-fn ceiling(value: f64) -> usize {
+fn ceiling(value: f64) -> u32 {
     /// Adding it leaves the nearest whole number in the low bits of the sum; plain `ceil` is a call on old processors.
     const ROUNDER: f64 = 6_755_399_441_055_744.0;
     let shifted = value + ROUNDER;
     let nearest = shifted - ROUNDER;
-    (shifted.to_bits() as u32).wrapping_add(u32::from(value > nearest)) as usize
+    (shifted.to_bits() as u32).wrapping_add(u32::from(value > nearest))
 }

@@ -1,7 +1,7 @@
 //! The colony: iteration by iteration.
 
 use super::{
-    ant::{Ant, Rules, length_of, turns_of},
+    ant::{ABREAST, Ant, Rules, length_of, price_of, turns_of},
     detours::Detours,
     ground::Ground,
     history::{Iteration, Run},
@@ -11,10 +11,7 @@ use super::{
 };
 use crate::{
     Error,
-    grid::{
-        DIAGONAL, DijkstraSolver, GridPlanner, GridPlannerParams, GridSolver, GridSpace, Limits, STRAIGHT, SearchEnd,
-        SearchResult,
-    },
+    grid::{DijkstraSolver, GridPlanner, GridPlannerParams, GridSolver, GridSpace, Limits, SearchEnd, SearchResult},
 };
 use agv_core::{
     compute::{Par, Seed},
@@ -63,7 +60,7 @@ pub struct Colony {
 #[derive(Debug, Clone, Default)]
 struct Squad {
     ants: Vec<Ant>,
-    ground: Ground,
+    grounds: [Ground; ABREAST],
     detours: Detours,
 }
 
@@ -132,11 +129,10 @@ impl Colony {
         };
         let (seed, erase) = (self.seed, params.erase_detours);
         self.par.for_each_chunk(self.squads.as_mut_slice(), 1, |squad, squads| {
-            for Squad { ants, ground, detours } in squads {
-                for (index, ant) in ants.iter_mut().enumerate() {
-                    let mut stream = seed.stream(iteration as u64, (squad * SQUAD + index) as u64);
-                    rules.walk(ant, ground, &mut stream);
-                    if erase && ant.length.is_some() {
+            for Squad { ants, grounds, detours } in squads {
+                rules.walk(ants, grounds, |ant| seed.stream(iteration as u64, (squad * SQUAD + ant) as u64));
+                if erase {
+                    for ant in ants.iter_mut().filter(|ant| ant.length.is_some()) {
                         detours.erase(&rules, &mut ant.steps);
                         ant.length = Some(length_of(&ant.steps));
                     }
@@ -234,7 +230,7 @@ impl GridSolver for Colony {
         self.run = Run::default();
         self.goal = goal;
         // Whether there is a way at all; it takes no longer than a few ants, and is not counted.
-        let reached = self.reach.search(space, start, goal, &mut Limits::none());
+        let reached = self.reach.search(space, start, goal, &mut limits.without_budget());
         if !matches!(reached.end, SearchEnd::Goal { .. }) {
             return reached;
         }
@@ -245,7 +241,7 @@ impl GridSolver for Colony {
         let strides = space.strides();
         self.trail.reset(space.len(), self.params.initial);
         self.sight.prepare(&self.params.sight, space, goal);
-        self.squads.iter_mut().for_each(|squad| squad.ground.prepare(space));
+        self.squads.iter_mut().flat_map(|squad| &mut squad.grounds).for_each(|ground| ground.prepare(space));
         let mut stopped = None;
         let mut levelled = 0;
         for iteration in 0..self.params.iterations {
@@ -299,7 +295,7 @@ impl GridSolver for Colony {
 
 /// Length of steps in the integers of the search.
 fn cost_of(steps: &[u8]) -> u32 {
-    steps.iter().fold(0_u32, |cost, &step| cost.saturating_add(if step >= 4 { DIAGONAL } else { STRAIGHT }))
+    steps.iter().fold(0_u32, |cost, &step| cost.saturating_add(price_of(step)))
 }
 
 #[cfg(test)]

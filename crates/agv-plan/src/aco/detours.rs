@@ -4,8 +4,11 @@
 //! own cells in the order it came to them, the shortest is found by one sweep (dynamic programming over the way, where
 //! every cell looks at its open neighbours that lie earlier). Of equally short ones the straighter is kept.
 
-use super::{ant::Rules, marks::Marks};
-use crate::grid::{DIAGONAL, STRAIGHT};
+use super::{
+    ant::{Rules, price_of},
+    marks::Marks,
+};
+use crate::grid::Step;
 
 /// Memory of the sweep.
 #[derive(Debug, Clone, Default)]
@@ -13,8 +16,7 @@ pub(super) struct Detours {
     on_way: Marks,
     /// Where on the way a cell lies; of meaning for cells on it.
     places: Vec<u32>,
-    /// For every place: the cell, the least cost from the start, the place before and the step that leads here.
-    cells: Vec<u32>,
+    /// For every place: the least cost from the start, and the place before with the step that leads here.
     costs: Vec<u32>,
     before: Vec<(u32, u8)>,
 }
@@ -25,7 +27,6 @@ impl Detours {
         let cells = rules.masks.len();
         self.places.resize(cells, 0);
         self.on_way.clear(cells);
-        self.cells.clear();
         self.costs.clear();
         self.before.clear();
         let mut node = rules.start;
@@ -48,7 +49,7 @@ impl Detours {
                 };
                 // From the neighbour to here, against the bit.
                 let step = REVERSED[bit];
-                let cost = cost.saturating_add(if step >= 4 { DIAGONAL } else { STRAIGHT });
+                let cost = cost.saturating_add(price_of(step));
                 let candidate = (cost, last != step && last != 8, (place, step));
                 if (candidate.0, candidate.1) < (least.0, least.1) {
                     least = candidate;
@@ -69,13 +70,20 @@ impl Detours {
     fn enter(&mut self, node: u32, cost: u32, before: (u32, u8)) {
         self.on_way.insert(node);
         if let Some(slot) = self.places.get_mut(node as usize) {
-            *slot = self.cells.len() as u32;
+            *slot = self.costs.len() as u32;
         }
-        self.cells.push(node);
         self.costs.push(cost);
         self.before.push(before);
     }
 }
 
 /// The step back of each step.
-pub(super) const REVERSED: [u8; 8] = [2, 3, 0, 1, 6, 7, 4, 5];
+const REVERSED: [u8; 8] = {
+    let mut table = [0; 8];
+    let mut bit = 0;
+    while bit < 8 {
+        table[bit] = Step::ALL[bit].reversed().index() as u8;
+        bit += 1;
+    }
+    table
+};

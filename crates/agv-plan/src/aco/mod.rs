@@ -20,8 +20,8 @@
 //!
 //! Each ant of each iteration has its own random stream, and pheromone is left in the order of the ants: the result has the
 //! same bits for any number of threads. An iteration takes time in proportion to the steps of its ants and the cells of the
-//! map, memory some hundred bytes per cell, and one more per cell and squad of eight ants, or nine where detours are erased. Nothing is allocated after the first query of
-//! a size, but for ways that are longer than any before.
+//! map, memory some hundred bytes per cell, and two more per cell and squad of eight ants, or ten where detours are erased.
+//! Nothing is allocated after the first query of a size, but for ways that are longer than any before.
 //!
 //! ```
 //! use agv_core::compute::Seed;
@@ -52,6 +52,7 @@
 //! ```
 
 mod ant;
+mod choice;
 mod colony;
 mod detours;
 mod ground;

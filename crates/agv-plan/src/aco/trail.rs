@@ -107,7 +107,7 @@ impl Trail {
     /// Least and greatest pheromone: beyond them weights would leave single precision.
     pub(super) const LEAST: f64 = 1e-12;
     pub(super) const GREATEST: f64 = 1e9;
-    /// The same for its power.
+    /// The same for its power; at α = 1 the limits of the pheromone are narrower.
     const POWERS: (f32, f32) = (1e-12, 1e11);
 
     pub(super) fn reset(&mut self, cells: usize, initial: f64) {
@@ -125,11 +125,10 @@ impl Trail {
     /// Keeps the pheromone within its limits and raises it to α, times a factor per step.
     pub(super) fn raise(&mut self, alpha: f64, (floor, ceiling): (f32, f32), factors: &[f32; 8]) {
         let alpha = alpha as f32;
-        let limits = (floor.max(Self::POWERS.0), ceiling.min(Self::POWERS.1));
         if alpha == 1.0 {
             for (row, powers) in self.pheromone.iter_mut().zip(&mut self.powers) {
                 for ((tau, out), factor) in row.iter_mut().zip(powers).zip(factors) {
-                    *tau = tau.clamp(limits.0, limits.1);
+                    *tau = tau.clamp(floor, ceiling);
                     *out = *tau * factor;
                 }
             }

@@ -1,7 +1,13 @@
 //! Which cells a planner can reach from which.
 
-use super::space::GridSpace;
-use agv_core::grid::Components;
+use super::{
+    query::{Endpoints, nearest_node},
+    space::GridSpace,
+};
+use agv_core::{
+    geometry::Se2,
+    grid::{Components, Revision},
+};
 
 impl GridSpace {
     /// Labels the connected components of the space, reusing the memory: "there is no path" is then known without a search,
@@ -25,6 +31,40 @@ impl GridSpace {
         let Some(layout) = self.layout() else { return components.clear() };
         let steps = (self.params().connectivity, self.params().corner_rule);
         components.compute(layout, steps, |index| self.is_passable(index as u32));
+    }
+}
+
+/// The parts of a map that nothing joins: labelled when a search has found that there are some, and told without one until
+/// the map changes.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Parts {
+    components: Components,
+    /// State of the space that the labels are of.
+    labelled: Option<Revision>,
+}
+
+impl Parts {
+    /// Labels the parts, unless they are known.
+    pub(super) fn label(&mut self, space: &GridSpace) {
+        if !self.are_known(space) {
+            space.components_into(&mut self.components);
+            self.labelled = Some(space.revision().clone());
+        }
+    }
+
+    fn are_known(&self, space: &GridSpace) -> bool {
+        self.labelled.as_ref() == Some(space.revision())
+    }
+
+    /// The goal, or where it is known that nothing joins it to the start, the nearest cell to its pose within the tolerance
+    /// that is joined.
+    pub(super) fn joined_goal(&self, space: &GridSpace, ends: Endpoints, goal: &Se2, tolerance: f64) -> Option<u32> {
+        let label = |node: u32| self.components.label_at(node as usize);
+        let joined = |node: u32| label(node) == label(ends.start);
+        if !self.are_known(space) || joined(ends.goal) {
+            return Some(ends.goal);
+        }
+        nearest_node(space, goal, tolerance, joined)
     }
 }
 

@@ -17,6 +17,11 @@ impl Limits<'_> {
         Self { budget: u64::MAX, cancel: None }
     }
 
+    /// The same callback, and any number of expansions.
+    pub fn without_budget(&mut self) -> Limits<'_> {
+        Limits { budget: u64::MAX, cancel: self.cancel.as_mut().map(|cancel| &mut **cancel as &mut dyn FnMut() -> bool) }
+    }
+
     /// Expansions after which the limits are to be looked at again.
     pub fn next_pause(&self, expansions: u64) -> u64 {
         let interval = if self.cancel.is_some() { Limits::CANCEL_INTERVAL } else { u64::MAX };

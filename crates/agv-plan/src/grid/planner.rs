@@ -1,16 +1,17 @@
 //! From a costmap and two poses to a path: what all planners on grids share.
 
 use super::{
+    components::Parts,
     heuristic::{Heuristic, Octile, Offset},
     limits::{Limits, SearchEnd, SearchResult},
-    query::{Endpoints, Tolerances, endpoints, nearest_node, write_path},
+    query::{Tolerances, endpoints, write_path},
     space::{GridParams, GridSpace},
 };
 use crate::Error;
 use agv_core::{
     check,
     geometry::Se2,
-    grid::{Components, Costmap, Revision},
+    grid::Costmap,
     path::Path,
     roles::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome},
 };
@@ -77,9 +78,7 @@ pub struct GridPlanner<S> {
     space: GridSpace,
     solver: S,
     way: Vec<u32>,
-    /// Parts of the map that nothing joins, and the state of the space that they are of.
-    components: Components,
-    labelled: Option<Revision>,
+    parts: Parts,
 }
 
 impl<S: GridSolver> GridPlanner<S> {
@@ -90,8 +89,8 @@ impl<S: GridSolver> GridPlanner<S> {
     pub fn with_solver(params: GridPlannerParams, solver: S) -> Result<Self, Error> {
         check::non_negative("start_tolerance", params.start_tolerance)?;
         check::non_negative("goal_tolerance", params.goal_tolerance)?;
-        let (space, components) = (GridSpace::new(params.grid)?, Components::default());
-        Ok(Self { params, space, solver, way: Vec::new(), components, labelled: None })
+        let (space, parts) = (GridSpace::new(params.grid)?, Parts::default());
+        Ok(Self { params, space, solver, way: Vec::new(), parts })
     }
 
     /// As [`with_solver`](Self::with_solver), for solvers that know lengths only.
@@ -125,89 +124,6 @@ impl<S: GridSolver> GridPlanner<S> {
         &mut self.solver
     }
 
-    /// As [`plan_into`](GlobalPlanner::plan_into), but asks `cancel` every [`Limits::CANCEL_INTERVAL`] expansions whether
-    /// to stop.
-    ///
-    /// # Errors
-    /// As [`plan_into`](GlobalPlanner::plan_into).
-    pub fn plan_with_cancel(
-        &mut self,
-        costmap: &Costmap,
-        (start, goal): (&Se2, &Se2),
-        path: &mut Path,
-        cancel: &mut dyn FnMut() -> bool,
-    ) -> Result<PlanOutcome, PlanError> {
-        self.plan(costmap, (start, goal), path, Some(cancel))
-    }
-
-    fn plan(
-        &mut self,
-        costmap: &Costmap,
-        poses: (&Se2, &Se2),
-        path: &mut Path,
-        cancel: Option<&mut dyn FnMut() -> bool>,
-    ) -> Result<PlanOutcome, PlanError> {
-        path.clear();
-        let layout = *costmap.layout();
-        self.space.update(costmap);
-        let tolerances = Tolerances { start: self.params.start_tolerance, goal: self.params.goal_tolerance };
-        let ends = match endpoints(&self.space, &layout, poses, tolerances)? {
-            Ok(ends) => ends,
-            Err(reason) => return Ok(PlanOutcome::NoPath { reason, expansions: 0 }),
-        };
-        let disconnected = |expansions| Ok(PlanOutcome::NoPath { reason: NoPathReason::Disconnected, expansions });
-        let Some(mut goal) = self.joined_goal(ends, poses.1) else { return disconnected(0) };
-        let mut limits = Limits { budget: self.params.max_expansions, cancel };
-        let mut result = self.solver.search(&self.space, ends.start, goal, &mut limits);
-        let mut expansions = result.expansions;
-        if result.end == SearchEnd::Exhausted {
-            self.label();
-            let instead = self.joined_goal(ends, poses.1).filter(|&node| node != goal);
-            let Some(node) = instead else { return disconnected(expansions) };
-            goal = node;
-            limits.budget = limits.budget.saturating_sub(expansions);
-            result = self.solver.search(&self.space, ends.start, goal, &mut limits);
-            expansions += result.expansions;
-        }
-        let (last, reason) = match result.end {
-            SearchEnd::Goal { node, .. } => (node, None),
-            SearchEnd::Exhausted => return disconnected(expansions),
-            SearchEnd::Budget => (self.most_promising(goal, &result), Some(NoPathReason::Budget)),
-            SearchEnd::Cancelled => (self.most_promising(goal, &result), Some(NoPathReason::Cancelled)),
-        };
-        self.solver.way_into(&self.space, last, &mut self.way);
-        write_path(&self.space, &layout, &self.way, poses, path)?;
-        Ok(match reason {
-            None => PlanOutcome::Found { cost: self.space.path_cost(&self.way) * layout.resolution(), expansions },
-            Some(reason) => PlanOutcome::NoPath { reason, expansions },
-        })
-    }
-
-    /// Labels the parts of the map that nothing joins, unless they are known.
-    fn label(&mut self) {
-        if self.labelled.as_ref() != Some(self.space.revision()) {
-            self.space.components_into(&mut self.components);
-            self.labelled = Some(self.space.revision().clone());
-        }
-    }
-
-    /// Whether it is known without a search that nothing joins two nodes.
-    fn is_known_apart(&self, a: u32, b: u32) -> bool {
-        self.labelled.as_ref() == Some(self.space.revision())
-            && self.components.label_at(a as usize) != self.components.label_at(b as usize)
-    }
-
-    /// The goal, or where it is known without a search that nothing joins it to the start, the nearest cell within its
-    /// tolerance that is joined.
-    fn joined_goal(&self, ends: Endpoints, goal: &Se2) -> Option<u32> {
-        if !self.is_known_apart(ends.start, ends.goal) {
-            return Some(ends.goal);
-        }
-        let home = self.components.label_at(ends.start as usize);
-        let joined = |node: u32| self.components.label_at(node as usize) == home;
-        nearest_node(&self.space, goal, self.params.goal_tolerance, joined)
-    }
-
     /// Where an unfinished search came nearest to the goal. Without a guide all reached cells are looked through.
     fn most_promising(&self, goal: u32, result: &SearchResult) -> u32 {
         if self.solver.is_guided() {
@@ -220,13 +136,50 @@ impl<S: GridSolver> GridPlanner<S> {
 }
 
 impl<S: GridSolver> GlobalPlanner for GridPlanner<S> {
-    fn plan_into(
+    /// Asks as often as its solver does: searches every [`Limits::CANCEL_INTERVAL`] expansions, swarms after every iteration.
+    fn plan_with_cancel(
         &mut self,
         costmap: &Costmap,
         start: &Se2,
         goal: &Se2,
         path: &mut Path,
+        cancelled: &mut dyn FnMut() -> bool,
     ) -> Result<PlanOutcome, PlanError> {
-        self.plan(costmap, (start, goal), path, None)
+        path.clear();
+        let layout = *costmap.layout();
+        self.space.update(costmap);
+        let tolerances = Tolerances { start: self.params.start_tolerance, goal: self.params.goal_tolerance };
+        let ends = match endpoints(&self.space, &layout, (start, goal), tolerances)? {
+            Ok(ends) => ends,
+            Err(reason) => return Ok(PlanOutcome::NoPath { reason, expansions: 0 }),
+        };
+        let disconnected = |expansions| Ok(PlanOutcome::NoPath { reason: NoPathReason::Disconnected, expansions });
+        let joined_goal =
+            |parts: &Parts, space: &GridSpace| parts.joined_goal(space, ends, goal, self.params.goal_tolerance);
+        let Some(mut end) = joined_goal(&self.parts, &self.space) else { return disconnected(0) };
+        let mut limits = Limits { budget: self.params.max_expansions, cancel: Some(cancelled) };
+        let mut result = self.solver.search(&self.space, ends.start, end, &mut limits);
+        let mut expansions = result.expansions;
+        if result.end == SearchEnd::Exhausted {
+            self.parts.label(&self.space);
+            let instead = joined_goal(&self.parts, &self.space).filter(|&node| node != end);
+            let Some(node) = instead else { return disconnected(expansions) };
+            end = node;
+            limits.budget = limits.budget.saturating_sub(expansions);
+            result = self.solver.search(&self.space, ends.start, end, &mut limits);
+            expansions += result.expansions;
+        }
+        let (last, reason) = match result.end {
+            SearchEnd::Goal { node, .. } => (node, None),
+            SearchEnd::Exhausted => return disconnected(expansions),
+            SearchEnd::Budget => (self.most_promising(end, &result), Some(NoPathReason::Budget)),
+            SearchEnd::Cancelled => (self.most_promising(end, &result), Some(NoPathReason::Cancelled)),
+        };
+        self.solver.way_into(&self.space, last, &mut self.way);
+        write_path(&self.space, &layout, &self.way, (start, goal), path)?;
+        Ok(match reason {
+            None => PlanOutcome::Found { cost: self.space.path_cost(&self.way) * layout.resolution(), expansions },
+            Some(reason) => PlanOutcome::NoPath { reason, expansions },
+        })
     }
 }

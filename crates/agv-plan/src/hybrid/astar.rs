@@ -3,10 +3,12 @@
 //! A* over motions of constant curvature, forwards and backwards, of which the cheapest pose per cell and heading is kept
 //! (Dolgov, Thrun, Montemerlo and Diebel, *Path planning for autonomous vehicles in unknown semi-structured environments*,
 //! 2010). From time to time a curve is tried straight to the goal; one that touches nothing makes a path, which is taken when
-//! what is still open promises no cheaper one.
+//! what is still open promises no cheaper one. Curves are tried to gates as well, which lead through narrow places.
 
 use super::{
     UNIT,
+    gate::GateFinder,
+    goal::free_near,
     guide::{Guide, Potential},
     lattice::{Arrival, Lattice},
     motion::{Leg, Motion, motions},
@@ -22,12 +24,11 @@ use crate::{
 };
 use agv_core::{
     check,
-    geometry::{LieGroup, Se2},
+    geometry::Se2,
     grid::{Costmap, Footprint},
     path::{Path, PathPoint},
     roles::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome},
 };
-use std::f64::consts::TAU;
 
 /// A bucket queue that makes no room for nodes that the search will never see.
 #[derive(Debug, Clone, Default)]
@@ -90,6 +91,7 @@ pub struct HybridAStar {
     curves: Curves,
     site: Site,
     potential: Potential,
+    gates: GateFinder,
     workspace: Workspace<Arrival, Buckets, SparseNodes<Arrival>>,
     shooter: Shooter,
     shortener: Shortener,
@@ -117,6 +119,7 @@ impl HybridAStar {
             motions: motions(&params),
             table: CurveTable::new(&params)?,
             curves: Curves::new(&params)?,
+            gates: GateFinder::new(&params, &footprint),
             site: Site::new(footprint, &params)?,
             potential: Potential::default(),
             workspace: Workspace::default(),
@@ -133,137 +136,12 @@ impl HybridAStar {
         &self.params
     }
 
-    /// As [`plan_into`](GlobalPlanner::plan_into), but asks `cancel` at first and every 16 expansions, about a millisecond,
-    /// whether to stop. A path that was found before is not shortened then, but is a path.
-    ///
-    /// # Errors
-    /// As [`plan_into`](GlobalPlanner::plan_into), a map with more cells and headings than 2^32, and one whose cells a step
-    /// does not leave.
-    pub fn plan_with_cancel(
-        &mut self,
-        costmap: &Costmap,
-        (start, goal): (&Se2, &Se2),
-        path: &mut Path,
-        cancel: &mut dyn FnMut() -> bool,
-    ) -> Result<PlanOutcome, PlanError> {
-        self.plan(costmap, (start, goal), path, Some(cancel))
-    }
-
-    fn plan(
-        &mut self,
-        costmap: &Costmap,
-        (start, goal): (&Se2, &Se2),
-        path: &mut Path,
-        cancel: Option<&mut dyn FnMut() -> bool>,
-    ) -> Result<PlanOutcome, PlanError> {
-        path.clear();
-        for (name, pose) in [("start", start), ("goal", goal)] {
-            check::all_finite(name, &[pose.x(), pose.y(), pose.yaw()])?;
-        }
-        let layout = costmap.layout();
-        let outside = |pose: &Se2| layout.cell_at(&pose.translation()).is_none();
-        if outside(start) {
-            return Err(PlanError::StartOutside { x: start.x(), y: start.y() });
-        }
-        if outside(goal) {
-            return Err(PlanError::GoalOutside { x: goal.x(), y: goal.y() });
-        }
-        let no_path = |reason, expansions| Ok(PlanOutcome::NoPath { reason, expansions });
-        if self.site.update(costmap).map_err(|error| into_core(&error))? {
-            // At once: the site tells of a change no second time, and this query may end before it needs the potential.
-            self.potential.forget();
-        }
-        if !self.site.is_free(start) {
-            return no_path(NoPathReason::StartBlocked, 0);
-        }
-        let Some(goal) = self.free_near(goal) else { return no_path(NoPathReason::GoalBlocked, 0) };
-        self.site.set_ends([*start, goal]);
-        let lattice = Lattice::new(&self.params, &self.motions, &self.site, *start)?;
-        let cells = lattice.cell(&start.translation()).zip(lattice.cell(&goal.translation()));
-        let Some((start_cell, goal_cell)) = cells.filter(|&(a, b)| self.site.are_joined(a, b)) else {
-            return no_path(NoPathReason::Disconnected, 0);
-        };
-        self.potential.begin(&self.site, goal_cell);
-        self.potential.reach(&self.site, start_cell);
-
-        let mut limits = Limits { budget: self.params.max_expansions, cancel };
-        let mut search = self.search(*start, &goal, false, &mut limits)?;
-        if search.shot.is_none() && search.end == SearchEnd::Exhausted {
-            // The whole motions may be too long for a tight place: once more, with shorter ones.
-            let before = search.expansions;
-            limits.budget = limits.budget.saturating_sub(before);
-            search = self.search(*start, &goal, true, &mut limits)?;
-            search.expansions += before;
-        }
-        let lattice = Lattice::new(&self.params, &self.motions, &self.site, *start)?;
-        let reason = match (search.shot, search.end) {
-            (Some(_), _) => None,
-            (None, SearchEnd::Budget) => Some(NoPathReason::Budget),
-            (None, SearchEnd::Cancelled) => Some(NoPathReason::Cancelled),
-            (None, _) => return no_path(NoPathReason::Disconnected, search.expansions),
-        };
-        let last = search.shot.map_or(search.nearest, |shot| shot.node);
-        legs_into(&self.workspace, &lattice, last, &mut self.way, &mut self.legs);
-        let mut end = self.legs.last().map_or(*start, Leg::end);
-        if let Some(shot) = &search.shot {
-            self.legs.extend(self.curves.legs(&end, &shot.curve));
-            end = goal;
-        }
-        if self.params.shorten && !limits.cancel.as_mut().is_some_and(|cancel| cancel()) {
-            self.shortener.run(&lattice, &self.site, &self.curves, &mut self.legs, &end);
-        }
-        write_path(&self.legs, start, &end, self.params.spacing, path)?;
-        let cost = lattice.cost_of(None, self.legs.iter().copied());
-        match reason {
-            None => Ok(PlanOutcome::Found { cost, expansions: search.expansions }),
-            Some(reason) => no_path(reason, search.expansions),
-        }
-    }
-
-    /// The goal if the vehicle can stand there, or the nearest pose within the tolerances where it can; of those in one place
-    /// the one that is turned least. Looks at no more poses than a query may expand states.
-    fn free_near(&self, goal: &Se2) -> Option<Se2> {
-        if self.site.is_free(goal) {
-            return Some(*goal);
-        }
-        let step = self.site.layout().resolution();
-        let reach = self.params.goal_tolerance / step;
-        let per_heading = TAU / f64::from(self.params.headings);
-        let turns = (self.params.goal_heading_tolerance / per_heading).floor() as i32;
-        let headings =
-            || std::iter::once(0).chain((1..=turns).flat_map(|i| [i, -i])).map(|i| f64::from(i) * per_heading);
-        let mut left = self.params.max_expansions;
-        let mut found: Option<(i64, Se2)> = None;
-        // Square rings around the goal, outwards: no place of a ring is nearer than its number.
-        for ring in 0..=reach.floor() as i64 {
-            if found.is_some_and(|(least, _)| ring * ring >= least) {
-                break;
-            }
-            for (x, y) in places_of(ring) {
-                let squared = x * x + y * y;
-                if squared as f64 > reach * reach || found.is_some_and(|(least, _)| squared >= least) {
-                    continue;
-                }
-                for yaw in headings() {
-                    let Some(fewer) = left.checked_sub(1) else { return found.map(|(_, pose)| pose) };
-                    left = fewer;
-                    let pose = goal.compose(&Se2::new(x as f64 * step, y as f64 * step, yaw));
-                    if self.site.is_free(&pose) {
-                        found = Some((squared, pose));
-                        break;
-                    }
-                }
-            }
-        }
-        found.map(|(_, pose)| pose)
-    }
-
     fn search(&mut self, start: Se2, goal: &Se2, fine: bool, limits: &mut Limits<'_>) -> Result<Search, PlanError> {
-        let Self { params, motions, table, curves, site, potential, workspace, shooter, .. } = self;
-        let lattice = Lattice::new(params, motions, site, start)?.with_fine(fine);
+        let Self { params, motions, table, curves, site, potential, gates, workspace, shooter, .. } = self;
+        let lattice = Lattice::new(params, motions, site, start)?.with_fine(fine).with_gates(gates.gates(), curves);
         let start_node = lattice.node(&start).unwrap_or(u32::MAX);
         let mut search = Search { shot: None, nearest: start_node, expansions: 0, end: SearchEnd::Exhausted };
-        let (mut nearest, mut pause, mut next_shot) = (u32::MAX, pause_after(limits, 0), 0);
+        let (mut nearest, mut pause, mut next_shot) = (u32::MAX, 0, 0);
         let mut refine_until = u64::MAX;
         workspace.begin(&lattice);
         workspace.add_start(&Guide::new(potential, table, &lattice, goal), start_node, 0);
@@ -277,7 +155,7 @@ impl HybridAStar {
                     search.end = end;
                     break;
                 }
-                pause = pause_after(limits, search.expansions + CANCEL_INTERVAL);
+                pause = limits.budget.min(search.expansions + CANCEL_INTERVAL);
             }
             potential.reach(site, at.node / u32::from(params.headings));
             let guide = Guide::new(potential, table, &lattice, goal);
@@ -307,25 +185,11 @@ impl HybridAStar {
     }
 }
 
-/// The places of a square ring around the origin, each once.
-fn places_of(ring: i64) -> impl Iterator<Item = (i64, i64)> {
-    (-ring..=ring).flat_map(move |y| {
-        let whole_row = y.abs() == ring;
-        let stride = if whole_row { 1 } else { (2 * ring).max(1) };
-        (-ring..=ring).step_by(stride as usize).map(move |x| (x, y))
-    })
-}
-
 /// Turning radii from the goal within which every expansion tries a curve, and other words than the cheapest.
 const NEAR: f64 = 4.0;
 
 /// Expansions between two questions to `cancel`: they cost some 50 µs each, a thousand times those of a grid.
 const CANCEL_INTERVAL: u64 = 16;
-
-/// Expansions after which the limits are looked at, `next` at the latest if somebody may cancel.
-fn pause_after(limits: &Limits<'_>, next: u64) -> u64 {
-    if limits.cancel.is_some() { limits.budget.min(next) } else { limits.budget }
-}
 
 fn into_core(error: &Error) -> PlanError {
     match error {
@@ -347,9 +211,7 @@ fn legs_into(
     legs.clear();
     let arrivals = || way.iter().filter_map(|&node| workspace.link(node));
     for (from, to) in arrivals().zip(arrivals().skip(1)) {
-        if let Some(motion) = lattice.motion(&to) {
-            legs.push(Leg { start: lattice.pose(&from), twist: motion.twist, length: motion.length });
-        }
+        lattice.legs_between(&from, &to, legs);
     }
 }
 
@@ -373,13 +235,85 @@ fn write_path(legs: &[Leg], start: &Se2, end: &Se2, spacing: f64, path: &mut Pat
 }
 
 impl GlobalPlanner for HybridAStar {
-    fn plan_into(
+    /// Asks when the map is derived and the potential known, and every 16 expansions from then on, about a millisecond. A path that was found before is not shortened then, but is a
+    /// path.
+    ///
+    /// # Errors
+    /// As [`plan_into`](GlobalPlanner::plan_into), a map with more cells and headings than 2^32, and one whose cells a step
+    /// does not leave.
+    fn plan_with_cancel(
         &mut self,
         costmap: &Costmap,
         start: &Se2,
         goal: &Se2,
         path: &mut Path,
+        cancelled: &mut dyn FnMut() -> bool,
     ) -> Result<PlanOutcome, PlanError> {
-        self.plan(costmap, (start, goal), path, None)
+        path.clear();
+        for (name, pose) in [("start", start), ("goal", goal)] {
+            check::all_finite(name, &[pose.x(), pose.y(), pose.yaw()])?;
+        }
+        let layout = costmap.layout();
+        let outside = |pose: &Se2| layout.cell_at(&pose.translation()).is_none();
+        if outside(start) {
+            return Err(PlanError::StartOutside { x: start.x(), y: start.y() });
+        }
+        if outside(goal) {
+            return Err(PlanError::GoalOutside { x: goal.x(), y: goal.y() });
+        }
+        let no_path = |reason, expansions| Ok(PlanOutcome::NoPath { reason, expansions });
+        if self.site.update(costmap).map_err(|error| into_core(&error))? {
+            // At once: the site tells of a change no second time, and this query may end before it needs the potential.
+            self.potential.forget();
+        }
+        if !self.site.is_free(start) {
+            return no_path(NoPathReason::StartBlocked, 0);
+        }
+        let Some(goal) = free_near(&self.site, &self.params, goal) else {
+            return no_path(NoPathReason::GoalBlocked, 0);
+        };
+        self.site.set_ends([*start, goal]);
+        let lattice = Lattice::new(&self.params, &self.motions, &self.site, *start)?;
+        let cells = lattice.cell(&start.translation()).zip(lattice.cell(&goal.translation()));
+        let Some((start_cell, goal_cell)) = cells.filter(|&(a, b)| self.site.are_joined(a, b)) else {
+            return no_path(NoPathReason::Disconnected, 0);
+        };
+        self.potential.begin(&self.site, goal_cell);
+        self.potential.reach(&self.site, start_cell);
+        self.gates.find(&self.site, &lattice, &self.potential, start_cell, &goal);
+
+        let mut limits = Limits { budget: self.params.max_expansions, cancel: Some(&mut *cancelled) };
+        let mut search = self.search(*start, &goal, false, &mut limits)?;
+        if search.shot.is_none() && search.end == SearchEnd::Exhausted {
+            // The whole motions may be too long for a tight place: once more, with shorter ones.
+            let before = search.expansions;
+            limits.budget = limits.budget.saturating_sub(before);
+            search = self.search(*start, &goal, true, &mut limits)?;
+            search.expansions += before;
+        }
+        let lattice =
+            Lattice::new(&self.params, &self.motions, &self.site, *start)?.with_gates(self.gates.gates(), &self.curves);
+        let reason = match (search.shot, search.end) {
+            (Some(_), _) => None,
+            (None, SearchEnd::Budget) => Some(NoPathReason::Budget),
+            (None, SearchEnd::Cancelled) => Some(NoPathReason::Cancelled),
+            (None, _) => return no_path(NoPathReason::Disconnected, search.expansions),
+        };
+        let last = search.shot.map_or(search.nearest, |shot| shot.node);
+        legs_into(&self.workspace, &lattice, last, &mut self.way, &mut self.legs);
+        let mut end = self.legs.last().map_or(*start, Leg::end);
+        if let Some(shot) = &search.shot {
+            self.legs.extend(self.curves.legs(&end, &shot.curve));
+            end = goal;
+        }
+        if self.params.shorten && search.end != SearchEnd::Cancelled && !cancelled() {
+            self.shortener.run(&lattice, &self.site, &self.curves, &mut self.legs, &end);
+        }
+        write_path(&self.legs, start, &end, self.params.spacing, path)?;
+        let cost = lattice.cost_of(None, self.legs.iter().copied());
+        match reason {
+            None => Ok(PlanOutcome::Found { cost, expansions: search.expansions }),
+            Some(reason) => no_path(reason, search.expansions),
+        }
     }
 }

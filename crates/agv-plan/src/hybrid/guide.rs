@@ -81,6 +81,19 @@ impl Potential {
         self.horizon = self.horizon.max(end);
     }
 
+    /// Writes the way from the goal to a coarse cell that was reached for, both included; empty if nothing joins the two.
+    pub(super) fn way_into(&self, site: &Site, node: u32, way: &mut Vec<u32>) {
+        way.clear();
+        if self.final_cost(node).is_none() {
+            return;
+        }
+        if site.coarse().is_weighted() {
+            self.workspace.trace_into(&site.coarse().weighted(), node, way);
+        } else {
+            self.workspace.trace_into(&site.coarse().uniform(), node, way);
+        }
+    }
+
     /// Estimate for a coarse cell, in units of the search.
     #[inline]
     fn estimate(&self, node: u32) -> u32 {

@@ -5,8 +5,10 @@
 
 use super::{
     UNIT,
+    gate::{Gate, GateFinder},
     motion::{LENGTHS, Leg, Motion, Wheels},
     params::HybridAStarParams,
+    shot::Curves,
     site::Site,
 };
 use crate::grid::{Frontier, Known, NodeStore, Reached, SearchSpace};
@@ -31,6 +33,13 @@ pub(super) struct Arrival {
 /// Stands for no motion.
 const START: u8 = u8::MAX;
 
+/// Number of the first gate; the motions', of which there are 38 at the most in each length, come before.
+const FIRST_GATE: u8 = 128;
+const _: () = assert!(GateFinder::MOST < (START - FIRST_GATE) as usize && 38 * LENGTHS.len() < FIRST_GATE as usize);
+
+/// Turning radii from a gate within which every expansion tries a curve to it.
+const NEAR_GATE: f64 = 4.0;
+
 impl Default for Arrival {
     fn default() -> Self {
         Self { pose: Se2::default(), parent: u32::MAX, motion: START, closed: false }
@@ -43,6 +52,8 @@ pub(super) struct Lattice<'a> {
     motions: &'a [Motion],
     site: &'a Site,
     start: Se2,
+    /// Places where the search may go on by a curve, and the curves.
+    gates: Option<(&'a [Gate], &'a Curves)>,
     width: usize,
     height: usize,
     block: f64,
@@ -70,12 +81,18 @@ impl<'a> Lattice<'a> {
         if nodes >= max {
             return Err(Error::TooMany { name: "cells and headings", len: nodes, max });
         }
-        Ok(Self { params, motions, site, start, width, height, block: block as f64, nodes, fine: false })
+        Ok(Self { params, motions, site, start, gates: None, width, height, block: block as f64, nodes, fine: false })
     }
 
     /// The same lattice, with shorter motions near start and goal.
     pub(super) const fn with_fine(mut self, fine: bool) -> Self {
         self.fine = fine;
+        self
+    }
+
+    /// The same lattice, with curves to gates.
+    pub(super) const fn with_gates(mut self, gates: &'a [Gate], curves: &'a Curves) -> Self {
+        self.gates = Some((gates, curves));
         self
     }
 
@@ -113,9 +130,65 @@ impl<'a> Lattice<'a> {
         if arrival.motion == START { self.start } else { arrival.pose }
     }
 
-    /// The motion by which a node was reached.
+    /// The motion by which a node was reached; of a curve through a gate, that through the gate.
     pub(super) fn motion(&self, arrival: &Arrival) -> Option<&Motion> {
-        self.motions.get(usize::from(arrival.motion))
+        match self.gate(arrival) {
+            Some((gate, _)) => Some(&gate.lane),
+            None => self.motions.get(usize::from(arrival.motion)),
+        }
+    }
+
+    fn gate(&self, arrival: &Arrival) -> Option<(&'a Gate, &'a Curves)> {
+        let number = arrival.motion.checked_sub(FIRST_GATE)?;
+        self.gates.and_then(|(gates, curves)| gates.get(usize::from(number)).map(|gate| (gate, curves)))
+    }
+
+    /// Appends the legs from one node to the next.
+    pub(super) fn legs_between(&self, from: &Arrival, to: &Arrival, legs: &mut Vec<Leg>) {
+        let start = self.pose(from);
+        if let Some((gate, curves)) = self.gate(to) {
+            if let Some(curve) = curves.cheapest(&start, &gate.entry) {
+                legs.extend(curves.legs(&start, &curve));
+            }
+            legs.push(gate.leg());
+        } else if let Some(motion) = self.motion(to) {
+            legs.push(Leg { start, twist: motion.twist, length: motion.length });
+        }
+    }
+
+    /// Tries the cheapest curve to each gate that is near, and through it.
+    fn expand_to_gates(&self, at: &Reached<Arrival>, pose: &Se2, frontier: &mut impl Frontier<Arrival>) {
+        let Some((gates, curves)) = self.gates else { return };
+        let before = self.motion(&at.link).map(|motion| motion.twist);
+        for (gate, number) in gates.iter().zip(FIRST_GATE..START) {
+            let distance = (gate.entry.translation() - pose.translation()).norm();
+            if distance > NEAR_GATE * self.params.turning_radius {
+                continue;
+            }
+            let Some(node) = self.node(&gate.exit) else { continue };
+            let known = frontier.known(node);
+            let units = |cost: f64| at.cost.saturating_add((cost * UNIT).round() as u32);
+            let is_useless = |cost: f64| known.is_some_and(|known| known.link.closed || known.cost <= units(cost));
+            // What each look says is less than what the next one does.
+            if is_useless(distance + gate.lane.length) {
+                continue;
+            }
+            let Some(curve) = curves.cheapest(pose, &gate.entry) else { continue };
+            if is_useless(curve.cost(&self.params.weights()) + gate.lane.length) {
+                continue;
+            }
+            let cost = self.cost_of(before, curves.legs(pose, &curve).chain([gate.leg()]));
+            if is_useless(cost)
+                || !curves.legs(pose, &curve).all(|leg| self.site.is_free_along(&leg.start, &leg.twist, leg.length))
+            {
+                continue;
+            }
+            frontier.reach(
+                node,
+                units(cost),
+                Arrival { pose: gate.exit, parent: at.node, motion: number, closed: false },
+            );
+        }
     }
 
     /// Price of a metre on a stretch, as if all of it cost what its middle and end do.
@@ -171,6 +244,7 @@ impl SearchSpace for Lattice<'_> {
     fn expand(&self, at: Reached<Arrival>, frontier: &mut impl Frontier<Arrival>) {
         let pose = self.pose(&at.link);
         let before = self.motion(&at.link);
+        self.expand_to_gates(&at, &pose, frontier);
         // Out of a tight place, and into one, the shorter motions; elsewhere they cost more than they find.
         let tried =
             if self.fine && self.site.is_near_end(&pose, self.params.turning_radius) { LENGTHS.len() } else { 1 };

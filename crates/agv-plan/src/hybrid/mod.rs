@@ -7,12 +7,15 @@
 //! Costmap, Footprint -> Site (what may be touched, coarse grid) -> Potential \
 //! turning radius     -> CurveTable                               ------------> Guide \
 //!                       motions                                  -> Lattice ----------> Workspace -> legs -> Path
+//! Potential, Site                                                -> Gates  /
 //!                       Curves                                   -> Shooter (to the goal), Shortener
 //! ```
 
 mod astar;
 mod curve;
 mod dubins;
+mod gate;
+mod goal;
 mod guide;
 mod lattice;
 mod motion;

@@ -65,6 +65,13 @@ pub(super) struct Motion {
     pub(super) middle: Se2,
 }
 
+impl Motion {
+    pub(super) fn new(twist: Twist2, length: f64) -> Self {
+        let (end, middle) = (twist.integrate(length), twist.integrate(0.5 * length));
+        Self { twist, length, gear: gear_of(&twist), wheels: Wheels::of(&twist), end, middle }
+    }
+}
+
 /// Lengths of a motion, as shares of the step: the shorter ones are for places where the longer are blocked.
 pub(super) const LENGTHS: [f64; 3] = [1.0, 0.5, 0.25];
 
@@ -81,12 +88,7 @@ pub(super) fn motions(params: &HybridAStarParams) -> Vec<Motion> {
     let curvatures = curvatures(params);
     let directions = if params.may_reverse { &[1.0, -1.0][..] } else { &[1.0][..] };
     for &direction in directions {
-        let mut add = |twist: Twist2| {
-            for length in LENGTHS.map(|share| share * params.step) {
-                let (end, middle) = (twist.integrate(length), twist.integrate(0.5 * length));
-                motions.push(Motion { twist, length, gear: gear_of(&twist), wheels: Wheels::of(&twist), end, middle });
-            }
-        };
+        let mut add = |twist: Twist2| motions.extend(LENGTHS.map(|share| Motion::new(twist, share * params.step)));
         for curvature in curvatures.clone() {
             add(Twist2::new(direction, 0.0, direction * curvature / params.turning_radius));
         }

@@ -10,6 +10,7 @@ use agv_core::{
         ObstacleMap, Revision, cost,
     },
 };
+use nalgebra::Vector2;
 use std::f64::consts::FRAC_1_SQRT_2;
 
 /// A costmap, taken apart for one footprint; what it costs to know is paid once per map.
@@ -189,6 +190,16 @@ impl Site {
                 && passes(&self.lethal, &self.footprint)
         };
         passes(USUAL) || (self.is_near_end(pose, NEAR_END + length) && passes(CLOSE))
+    }
+
+    /// Distance from a point to the nearest thing that may not be touched or the map's edge, in metres: to the centre of its
+    /// cell; negative off the map.
+    pub(super) fn room_at(&self, point: &Vector2<f64>) -> f64 {
+        let layout = self.layout();
+        let p = layout.to_grid(point);
+        let to_edge = p.x.min(p.y).min(layout.width() as f64 - p.x).min(layout.height() as f64 - p.y);
+        let to_obstacle = self.lethal.distance_at(point).map_or(f64::INFINITY, |(distance, _)| distance);
+        to_obstacle.min(to_edge * layout.resolution())
     }
 
     /// Whether a pose is nearer than `reach` metres to the start or the goal.

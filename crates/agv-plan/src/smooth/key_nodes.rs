@@ -4,44 +4,13 @@
 //! becomes a key node *and the start of the next line*. (The paper lets `P[i]` be the next start, which leaves the stretch
 //! between the two unchecked.)
 
-use super::{LineOfSight, PathSmoother, straight::heading};
+use super::{LineOfSight, LineOfSightParams, PathSmoother, straight::heading};
 use crate::Error;
 use agv_core::{
-    check,
     geometry::Se2,
-    grid::{Costmap, cost},
+    grid::Costmap,
     path::{Path, PathPoint},
 };
-
-/// Parameters of [`KeyNodes`] and of [`TautString`](super::TautString).
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-pub struct KeyNodesParams {
-    /// Room that a line must have on both sides, in metres: the vehicle's radius where the costmap is not inflated, zero
-    /// where it is.
-    pub margin: f64,
-    /// Greatest cost of a cell that a new line may cross, in the scale of [`cost`]; less keeps lines away from obstacles.
-    pub max_cost: u8,
-    /// Whether new lines may cross unknown cells.
-    pub cross_unknown: bool,
-}
-
-impl KeyNodesParams {
-    /// The line of sight that they describe.
-    pub(super) fn sight(self) -> Result<LineOfSight, Error> {
-        let margin = check::non_negative("margin", self.margin)?;
-        let greatest = f64::from(cost::MAX_NON_OBSTACLE);
-        check::in_range("max_cost", f64::from(self.max_cost), 0.0, greatest)?;
-        Ok(LineOfSight { max_cost: self.max_cost, unknown_blocks: !self.cross_unknown, margin })
-    }
-}
-
-impl Default for KeyNodesParams {
-    /// For an inflated costmap: no margin of its own, any cell that may be entered, no unknown ones.
-    fn default() -> Self {
-        Self { margin: 0.0, max_cost: cost::MAX_NON_OBSTACLE, cross_unknown: false }
-    }
-}
 
 /// Straightens a path by leaving out points that a straight line can skip.
 ///
@@ -54,12 +23,12 @@ impl Default for KeyNodesParams {
 /// use agv_core::grid::{CellState, Costmap, Grid, GridLayout};
 /// use agv_core::nalgebra::Vector2;
 /// use agv_core::path::Path;
-/// use agv_plan::smooth::{KeyNodes, KeyNodesParams};
+/// use agv_plan::smooth::{KeyNodes, LineOfSightParams};
 ///
 /// let map = Costmap::from_map(&Grid::filled(GridLayout::new(20, 10, 0.5, Se2::default())?, CellState::Free));
 /// let stairs: Vec<_> = (1..9).map(|i| Vector2::new(f64::from(i), f64::from(i / 2) * 0.5 + 0.5)).collect();
 /// let mut straight = Path::new();
-/// KeyNodes::new(KeyNodesParams::default())?.shorten_into(&map, &Path::from_positions(&stairs)?, &mut straight)?;
+/// KeyNodes::new(LineOfSightParams::default())?.shorten_into(&map, &Path::from_positions(&stairs)?, &mut straight)?;
 /// assert_eq!(straight.len(), 2);
 /// # Ok::<(), agv_plan::Error>(())
 /// ```
@@ -69,12 +38,12 @@ pub struct KeyNodes {
 }
 
 impl KeyNodes {
-    /// Checks the parameters.
+    /// What new lines may cross.
     ///
     /// # Errors
-    /// A margin that is not finite or negative; a `max_cost` that would let lines through obstacles.
-    pub fn new(params: KeyNodesParams) -> Result<Self, Error> {
-        Ok(Self { sight: params.sight()? })
+    /// As [`LineOfSight::new`].
+    pub fn new(params: LineOfSightParams) -> Result<Self, Error> {
+        Ok(Self { sight: LineOfSight::new(params)? })
     }
 
     /// Writes the straightened path, reusing the memory of `short`.
@@ -150,7 +119,7 @@ mod tests {
             let outcome =
                 AStar::new(AStarParams::default()).unwrap().plan_into(&costmap, &start, &goal, &mut path).unwrap();
             if let PlanOutcome::Found { .. } = outcome {
-                let keys = KeyNodes::new(KeyNodesParams::default()).unwrap();
+                let keys = KeyNodes::new(LineOfSightParams::default()).unwrap();
                 keys.shorten_into(&costmap, &path, &mut short).unwrap();
                 prop_assert!(short.length() <= path.length() + 1e-9);
                 prop_assert_eq!(short.points()[0].pose, start);
@@ -173,7 +142,7 @@ mod tests {
             path.push(PathPoint { pose: Se2::new(x, 4.0, 0.0), gear }).unwrap();
         }
         path.push(PathPoint { pose: Se2::new(2.0, 4.0, 0.0), gear: Gear::Reverse }).unwrap();
-        KeyNodes::new(KeyNodesParams::default()).unwrap().shorten_into(&costmap, &path, &mut short).unwrap();
+        KeyNodes::new(LineOfSightParams::default()).unwrap().shorten_into(&costmap, &path, &mut short).unwrap();
         let xs: Vec<f64> = short.points().iter().map(|p| p.pose.x()).collect();
         assert_eq!(xs, [1.0, 9.0, 2.0]);
         assert!(short.points().iter().all(|p| p.pose.yaw().abs() < 1e-12));
@@ -182,14 +151,11 @@ mod tests {
 
     #[test]
     fn bad_parameters_and_empty_paths() {
-        for margin in [-0.1, f64::NAN, f64::INFINITY] {
-            assert!(KeyNodes::new(KeyNodesParams { margin, ..Default::default() }).is_err(), "{margin}");
-        }
-        assert!(KeyNodes::new(KeyNodesParams { max_cost: cost::INSCRIBED, ..Default::default() }).is_err());
+        assert!(KeyNodes::new(LineOfSightParams { margin: -0.1, ..Default::default() }).is_err());
         let layout = GridLayout::new(2, 2, 1.0, Se2::default()).unwrap();
         let costmap = Costmap::from_map(&Grid::filled(layout, CellState::Free));
         let mut short = Path::from_positions(&[nalgebra::Vector2::zeros()]).unwrap();
-        KeyNodes::new(KeyNodesParams::default()).unwrap().shorten_into(&costmap, &Path::new(), &mut short).unwrap();
+        KeyNodes::new(LineOfSightParams::default()).unwrap().shorten_into(&costmap, &Path::new(), &mut short).unwrap();
         assert!(short.is_empty());
     }
 }

@@ -1,49 +1,103 @@
 //! Whether a vehicle can drive straight from one point to another.
 
-use agv_core::grid::{Costmap, cost};
+use crate::Error;
+use agv_core::{
+    check,
+    grid::{Costmap, cost},
+};
 use nalgebra::Vector2;
 
-/// What counts as blocked on a straight line.
+/// What counts as blocked on a straight line: parameters of a [`LineOfSight`], and of [`KeyNodes`](super::KeyNodes) and
+/// [`TautString`](super::TautString), whose lines it decides on.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct LineOfSightParams {
+    /// Room that a line must have on both sides, in metres: the vehicle's radius where the costmap is not inflated, zero
+    /// where it is.
+    pub margin: f64,
+    /// Greatest cost of a cell that a line may cross, in the scale of [`cost`]; less keeps lines away from obstacles.
+    pub max_cost: u8,
+    /// Whether lines may cross unknown cells.
+    pub cross_unknown: bool,
+}
+
+impl Default for LineOfSightParams {
+    /// For an inflated costmap: no margin of its own, any cell that may be entered, no unknown ones.
+    fn default() -> Self {
+        Self { margin: 0.0, max_cost: cost::MAX_NON_OBSTACLE, cross_unknown: false }
+    }
+}
+
+/// Says which straight lines are free.
 ///
-/// The line is widened to a strip: every cell that comes within `margin` of it along either axis must be enterable, which
+/// The line is widened to a strip: every cell that comes within the margin of it along either axis must be enterable, which
 /// covers the disc of that radius wherever it stands on the line (a square holds its disc). With a margin of zero these
 /// are the cells that the line touches, corners and edges included: conservative, never a cell too few.
 ///
 /// ```
 /// use agv_core::geometry::Se2;
-/// use agv_core::grid::{Cell, CellState, Costmap, Grid, GridLayout, cost};
+/// use agv_core::grid::{Cell, CellState, Costmap, Grid, GridLayout};
 /// use agv_core::nalgebra::Vector2;
 /// use agv_plan::smooth::LineOfSight;
 ///
 /// let mut map = Grid::filled(GridLayout::new(10, 10, 1.0, Se2::default())?, CellState::Free);
 /// map.set(Cell::new(5, 5), CellState::Occupied);
 /// let costmap = Costmap::from_map(&map);
-/// let sight = LineOfSight { max_cost: cost::MAX_NON_OBSTACLE, unknown_blocks: true, margin: 0.0 };
+/// let sight = LineOfSight::default();
 /// assert!(sight.is_clear(&costmap, &Vector2::new(0.5, 0.5), &Vector2::new(9.5, 3.5)));
 /// assert!(!sight.is_clear(&costmap, &Vector2::new(0.5, 0.5), &Vector2::new(9.5, 9.5)));
 /// # Ok::<(), agv_core::Error>(())
 /// ```
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "LineOfSightParams", into = "LineOfSightParams")
+)]
 pub struct LineOfSight {
-    /// Greatest cost of a cell that may be crossed.
-    pub max_cost: u8,
-    /// Whether cells of unknown content block the way.
-    pub unknown_blocks: bool,
-    /// Half the width of the strip that must be free, in metres; what is not finite and positive counts as zero.
-    pub margin: f64,
+    params: LineOfSightParams,
+}
+
+impl TryFrom<LineOfSightParams> for LineOfSight {
+    type Error = Error;
+
+    fn try_from(params: LineOfSightParams) -> Result<Self, Error> {
+        Self::new(params)
+    }
+}
+
+impl From<LineOfSight> for LineOfSightParams {
+    fn from(sight: LineOfSight) -> Self {
+        sight.params
+    }
 }
 
 impl LineOfSight {
     /// Rounding of coordinates, in cells: what comes as near as this counts as touched.
     const ROUNDING: f64 = 1e-9;
 
+    /// Checks the parameters.
+    ///
+    /// # Errors
+    /// A margin that is not finite or negative; a `max_cost` that would let lines through obstacles.
+    pub fn new(params: LineOfSightParams) -> Result<Self, Error> {
+        check::non_negative("margin", params.margin)?;
+        let greatest = f64::from(cost::MAX_NON_OBSTACLE);
+        check::in_range("max_cost", f64::from(params.max_cost), 0.0, greatest)?;
+        Ok(Self { params })
+    }
+
+    /// What counts as blocked.
+    pub const fn params(&self) -> &LineOfSightParams {
+        &self.params
+    }
+
     /// Whether the strip from `a` to `b`, in map coordinates, is free. What lies outside the map is not free, nor is a
     /// point that is not finite. Time is in proportion to the cells of the strip.
     pub fn is_clear(&self, costmap: &Costmap, a: &Vector2<f64>, b: &Vector2<f64>) -> bool {
         let layout = costmap.layout();
         let (a, b) = (layout.to_grid(a), layout.to_grid(b));
-        let wide = if self.margin.is_finite() { self.margin.max(0.0) / layout.resolution() } else { 0.0 };
-        let margin = wide + Self::ROUNDING * (1.0 + a.amax().max(b.amax()));
+        let margin = self.params.margin / layout.resolution() + Self::ROUNDING * (1.0 + a.amax().max(b.amax()));
         let (low, high) = (a.inf(&b).add_scalar(-margin), a.sup(&b).add_scalar(margin));
         // `inf` and `sup` would drop a NaN; the map's edge may be passed by no more than rounding.
         let finite = a.iter().chain(&b).all(|v| v.is_finite());
@@ -75,7 +129,7 @@ impl LineOfSight {
     }
 
     pub(super) fn may_cross(self, value: u8) -> bool {
-        if value == cost::UNKNOWN { !self.unknown_blocks } else { value <= self.max_cost }
+        if value == cost::UNKNOWN { self.params.cross_unknown } else { value <= self.params.max_cost }
     }
 }
 
@@ -96,7 +150,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn sight(margin: f64) -> LineOfSight {
-        LineOfSight { max_cost: cost::MAX_NON_OBSTACLE, unknown_blocks: true, margin }
+        LineOfSight::new(LineOfSightParams { margin, ..Default::default() }).unwrap()
     }
 
     proptest! {
@@ -147,5 +201,18 @@ mod tests {
         assert!(sight(0.0).is_clear(&costmap, &inside, &inside));
         assert!(sight(0.0).is_clear(&costmap, &Vector2::zeros(), &Vector2::new(4.0, 4.0)));
         assert!(!sight(0.5).is_clear(&costmap, &Vector2::new(0.4, 2.0), &inside));
+    }
+
+    #[test]
+    fn bad_parameters_are_named() {
+        let good = LineOfSightParams::default();
+        for (name, params) in [
+            ("margin", LineOfSightParams { margin: -0.1, ..good }),
+            ("margin", LineOfSightParams { margin: f64::NAN, ..good }),
+            ("margin", LineOfSightParams { margin: f64::INFINITY, ..good }),
+            ("max_cost", LineOfSightParams { max_cost: cost::INSCRIBED, ..good }),
+        ] {
+            assert!(LineOfSight::new(params).unwrap_err().to_string().starts_with(name), "{name}");
+        }
     }
 }

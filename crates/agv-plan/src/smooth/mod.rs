@@ -17,8 +17,8 @@ mod straightened;
 mod taut_string;
 
 pub use curvature::{CurvatureSmoother, CurvatureSmootherParams, SmoothOutcome};
-pub use key_nodes::{KeyNodes, KeyNodesParams};
-pub use line_of_sight::LineOfSight;
+pub use key_nodes::KeyNodes;
+pub use line_of_sight::{LineOfSight, LineOfSightParams};
 pub use path_smoother::PathSmoother;
 pub use straightened::Straightened;
 pub use taut_string::TautString;

@@ -11,7 +11,7 @@
 //! shortest path that can be reached without lifting the string over an obstacle (Hershberger and Snoeyink 1994). Key nodes,
 //! by contrast, are points of the path that was given.
 
-use super::{KeyNodesParams, LineOfSight, PathSmoother, straight::write_piece};
+use super::{LineOfSight, LineOfSightParams, PathSmoother, straight::write_piece};
 use crate::Error;
 use agv_core::{
     grid::Costmap,
@@ -31,14 +31,14 @@ use nalgebra::Vector2;
 /// use agv_core::grid::{Cell, CellState, Costmap, Grid, GridLayout};
 /// use agv_core::nalgebra::Vector2;
 /// use agv_core::path::Path;
-/// use agv_plan::smooth::{KeyNodesParams, PathSmoother, TautString};
+/// use agv_plan::smooth::{LineOfSightParams, PathSmoother, TautString};
 ///
 /// // Round a post, far too wide: the string touches its corners.
 /// let mut map = Grid::filled(GridLayout::new(9, 9, 1.0, Se2::default())?, CellState::Free);
 /// map.set(Cell::new(4, 4), CellState::Occupied);
 /// let wide = [(1.5, 4.5), (1.5, 8.5), (7.5, 8.5), (7.5, 4.5)].map(|(x, y)| Vector2::new(x, y));
 /// let mut taut = Path::new();
-/// let mut string = TautString::new(KeyNodesParams::default())?;
+/// let mut string = TautString::new(LineOfSightParams::default())?;
 /// string.smooth_into(&Costmap::from_map(&map), &Path::from_positions(&wide)?, &mut taut)?;
 /// assert_eq!(taut.len(), 4);
 /// assert!((taut.length() - (1.0 + 2.0 * 2.5_f64.hypot(0.5))).abs() < 1e-6);
@@ -67,12 +67,12 @@ impl TautString {
     /// Sweeps along the string after which it counts as taut.
     const MAX_SWEEPS: usize = 1000;
 
-    /// Checks the parameters, which mean what they mean for [`KeyNodes`](super::KeyNodes).
+    /// What new lines may cross.
     ///
     /// # Errors
-    /// A margin that is not finite or negative; a `max_cost` that would let lines through obstacles.
-    pub fn new(params: KeyNodesParams) -> Result<Self, Error> {
-        let sight = params.sight()?;
+    /// As [`LineOfSight::new`].
+    pub fn new(params: LineOfSightParams) -> Result<Self, Error> {
+        let sight = LineOfSight::new(params)?;
         let (string, pulled, corners, chain, positions) = Default::default();
         Ok(Self { sight, string, pulled, corners, chain, positions })
     }
@@ -82,7 +82,7 @@ impl TautString {
         let layout = costmap.layout();
         // More than what a line of sight takes for touching.
         let slack = 4e-9 * (2.0 + layout.width().max(layout.height()) as f64);
-        let grown = self.sight.margin.max(0.0) / layout.resolution() + slack;
+        let grown = self.sight.params().margin / layout.resolution() + slack;
         for _ in 0..Self::MAX_SWEEPS {
             let mut changed = false;
             self.pulled.clear();
@@ -264,7 +264,7 @@ mod tests {
     use proptest::prelude::*;
 
     fn string() -> TautString {
-        TautString::new(KeyNodesParams::default()).unwrap()
+        TautString::new(LineOfSightParams::default()).unwrap()
     }
 
     proptest! {
@@ -283,7 +283,7 @@ mod tests {
             let outcome = AStar::new(AStarParams::default()).unwrap().plan_into(&costmap, &start, &goal, &mut path).unwrap();
             let found = matches!(outcome, PlanOutcome::Found { .. });
             prop_assume!(found);
-            KeyNodes::new(KeyNodesParams::default()).unwrap().shorten_into(&costmap, &path, &mut keys).unwrap();
+            KeyNodes::new(LineOfSightParams::default()).unwrap().shorten_into(&costmap, &path, &mut keys).unwrap();
             string().smooth_into(&costmap, &path, &mut taut).unwrap();
             prop_assert!(taut.length() <= keys.length() + 1e-6 || taut.length() <= path.length());
             let mut anya = Anya::new(GridPlannerParams::default()).unwrap();
@@ -291,7 +291,7 @@ mod tests {
             let is_least = matches!(least, PlanOutcome::Found { cost, .. } if cost <= taut.length() + 1e-9);
             prop_assert!(is_least, "{:?} {}", least, taut.length());
             prop_assert_eq!((taut.points()[0].pose, taut.points()[taut.len() - 1].pose), (start, goal));
-            let sight = KeyNodesParams::default().sight().unwrap();
+            let sight = LineOfSight::default();
             for pair in taut.points().windows(2) {
                 let (a, b) = (pair[0].pose.translation(), pair[1].pose.translation());
                 prop_assert!(sight.is_clear(&costmap, &a, &b));
@@ -354,6 +354,6 @@ mod tests {
         assert!(taut.is_turn(3) && taut.points()[2].gear == Gear::Reverse);
         string().smooth_into(&costmap, &Path::new(), &mut taut).unwrap();
         assert!(taut.is_empty());
-        assert!(TautString::new(KeyNodesParams { margin: f64::NAN, ..Default::default() }).is_err());
+        assert!(TautString::new(LineOfSightParams { margin: f64::NAN, ..Default::default() }).is_err());
     }
 }

@@ -5,8 +5,12 @@ use crate::{
     geometry::{LieGroup, Se2, Twist2},
     grid::{CellState, CollisionChecker, CollisionParams, Costmap, Footprint, Grid, cost},
     path::Path,
-    roles::{GlobalPlanner, LocalPlanRequest, LocalPlanStatus, LocalPlanner, PlanError, PlanOutcome, VehicleState},
+    roles::{
+        GlobalPlanner, LocalPlanRequest, LocalPlanStatus, LocalPlanner, NoPathReason, PlanError, PlanOutcome,
+        VehicleState,
+    },
 };
+use nalgebra::Vector2;
 
 /// Checks a global planner on a query that has an answer: `costmap` joins `start` and `goal`.
 ///
@@ -43,7 +47,7 @@ pub fn global_planner(
     ensure(ROLE, "the path keeps to cells that may be entered", is_traversable(costmap, &path))?;
 
     let mut again = Path::new();
-    let second = player.plan_into(costmap, start, goal, &mut again);
+    let second = player.plan_with_cancel(costmap, start, goal, &mut again, &mut || false);
     // A planner that remembers may have less to do, so the expansions are not compared.
     let cost = |outcome| match outcome {
         Ok(PlanOutcome::Found { cost, .. }) => Some(f64::to_bits(cost)),
@@ -51,6 +55,32 @@ pub fn global_planner(
     };
     let same = cost(second) == cost(outcome) && again == path;
     ensure(ROLE, "the same query has the same answer, bit for bit", same)?;
+
+    for patience in [0, 1] {
+        let (mut asked, mut said) = (0, false);
+        let mut asked_again = false;
+        let mut cancelled = || {
+            asked_again |= said;
+            said = asked >= patience;
+            asked += 1;
+            said
+        };
+        let stopped = player.plan_with_cancel(costmap, start, goal, &mut path, &mut cancelled);
+        ensure(ROLE, "who said to stop is not asked again", !asked_again)?;
+        // A planner may have a path by the time it asks.
+        let is_told = match stopped {
+            Ok(PlanOutcome::Found { .. }) => true,
+            Ok(PlanOutcome::NoPath { reason, .. }) => said && reason == NoPathReason::Cancelled,
+            Err(_) => false,
+        };
+        ensure(ROLE, "a query that is cancelled says so", is_told)?;
+        let from_start = path.points().first().is_none_or(|first| first.pose.translation() == start.translation());
+        ensure(
+            ROLE,
+            "the path of a cancelled query begins at the start",
+            from_start && is_traversable(costmap, &path),
+        )?;
+    }
 
     let trivial = player.plan_into(costmap, start, start, &mut path);
     let stays = matches!(trivial, Ok(PlanOutcome::Found { .. })) && !path.is_empty();
@@ -68,16 +98,22 @@ pub fn global_planner(
     Ok(())
 }
 
-/// Whether the straight lines of the path cross cells that may be entered only; sampled at a quarter of a cell.
+/// Whether the straight lines of the path cross cells that may be entered only; sampled at a quarter of a cell. A point on an
+/// edge, up to rounding, belongs to the cells on either side of it.
 fn is_traversable(costmap: &Costmap, path: &Path) -> bool {
-    let step = 0.25 * costmap.layout().resolution();
+    let layout = costmap.layout();
+    let step = 0.25 * layout.resolution();
+    let hair = 1e-6 * layout.resolution();
+    let enterable = |point: Vector2<f64>| {
+        [(0.0, 0.0), (-hair, -hair), (hair, -hair), (-hair, hair), (hair, hair)].into_iter().any(|(dx, dy)| {
+            let off = layout.map_from_grid().rotation().act(&Vector2::new(dx, dy));
+            layout.cell_at(&(point + off)).is_some_and(|cell| costmap.is_traversable(cell))
+        })
+    };
     path.points().windows(2).all(|w| {
         let (a, b) = (w[0].pose.translation(), w[1].pose.translation());
         let samples = ((b - a).norm() / step).ceil().max(1.0) as usize;
-        (0..=samples).all(|i| {
-            let point = a + (b - a) * (i as f64 / samples as f64);
-            costmap.layout().cell_at(&point).is_some_and(|cell| costmap.is_traversable(cell))
-        })
+        (0..=samples).all(|i| enterable(a + (b - a) * (i as f64 / samples as f64)))
     })
 }
 
@@ -175,7 +211,6 @@ mod tests {
         kinematics::MotionLimits,
         roles::{BlockReason, LocalCommand, LocalPlanError},
     };
-    use nalgebra::Vector2;
 
     const BLOCKED: LocalPlanStatus = LocalPlanStatus::Blocked(BlockReason::Obstacle);
 

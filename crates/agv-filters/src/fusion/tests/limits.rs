@@ -25,6 +25,8 @@ fn bad_parameters_are_named() {
         FusionParams { gyro_bias_walk: f64::NAN, ..good },
         FusionParams { distance_scale_sigma: 0.6, ..good },
         FusionParams { yaw_scale_walk: -1.0, ..good },
+        FusionParams { latency_sigma: -0.1, ..good },
+        FusionParams { latency_sigma: 2.0, ..good },
         FusionParams { history: -0.1, ..good },
         FusionParams { capacity: 1, ..good },
         FusionParams { longest_gap: 0.0, ..good },
@@ -39,6 +41,7 @@ fn bad_parameters_are_named() {
         SourceParams { gate: 1.1, ..source },
         SourceParams { gate: f64::NAN, ..source },
         SourceParams { latency: f64::NAN, ..source },
+        SourceParams { late: true, reference: Reference::First, ..source },
         SourceParams { timeout: 0.0, ..source },
         SourceParams { floor: NoiseFloor { yaw: -1.0, ..source.floor }, ..source },
         SourceParams { motion: MotionNoise { yaw_per_radian: f64::NAN, ..source.motion }, ..source },
@@ -46,6 +49,9 @@ fn bad_parameters_are_named() {
     ] {
         assert!(filter.add_source(bad).is_err(), "{bad:?}");
     }
+    let late = SourceParams { late: true, ..source };
+    let mut other = FusionFilter::new(good).unwrap();
+    assert!(other.add_source(late).is_ok() && matches!(other.add_source(late), Err(Error::TooMany { .. })));
     for _ in 0..FusionFilter::MAX_RELATIVE {
         filter.add_source(SourceParams::wheels()).unwrap();
     }

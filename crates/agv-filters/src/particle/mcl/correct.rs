@@ -7,7 +7,7 @@ use super::{
 };
 use crate::particle::{
     MotionModel, ParticleSet, ProposalContext, ResampleContext, ResamplePolicy, Resampler, SampleSize, UpdateContext,
-    UpdatePolicy, WeighParticles, WeightSummary,
+    UpdatePolicy, WeighParticles, WeightSummary, set::WeighedSums,
 };
 use agv_core::{
     Error,
@@ -96,12 +96,15 @@ where
         let weighed = self.move_and_weigh(observation);
         let (outcome, pose) = match weighed {
             Err(reason) => (UpdateOutcome::Skipped(reason), known.pose),
-            Ok(weights) => {
-                let (weights, degrees) = self.temper(observation, weights, &known.pose)?;
+            Ok((whole, sums)) => {
+                let (weights, degrees) = self.temper(observation, whole, &known.pose)?;
                 // Of what was weighed: what follows may look at other readings.
                 let readings = self.sensor.independent_readings();
                 // Before resampling, which adds variance and no knowledge.
-                let moments = self.belief.particles.estimate(self.par)?;
+                let moments = match sums.filter(|_| weights == whole) {
+                    Some(sums) => sums.estimate()?,
+                    None => self.belief.particles.estimate(self.par)?,
+                };
                 let moments = adapt.estimate(&self.belief.particles, moments, &known.pose)?;
                 let moments = self.refined(observation, moments, known.pose.covariance())?;
                 let explained = self.sensor.explained(observation, moments.mean());
@@ -130,8 +133,8 @@ where
     }
 
     /// Moves the particles by a draw of the pending motion and weighs them there; they stay where they were, with their
-    /// weights, if the observation weighs nothing.
-    fn move_and_weigh<Z: ?Sized>(&mut self, observation: &Z) -> Result<WeightSummary, SkipReason>
+    /// weights, if the observation weighs nothing. The sums are those over the weighed set, where they were taken on the way.
+    fn move_and_weigh<Z: ?Sized>(&mut self, observation: &Z) -> Result<(WeightSummary, Option<WeighedSums>), SkipReason>
     where
         S: WeighParticles<Z>,
     {
@@ -154,7 +157,7 @@ where
         });
         let weights = if let Some(judged) = judged {
             judged?;
-            sums.and_then(|sums| particles.take_in(log_likelihoods, &sums, par, arch))
+            sums.as_ref().and_then(|sums| particles.take_in(log_likelihoods, &sums.weights, par, arch))
         } else {
             particles.propose(par, moves);
             self.sensor.weigh(observation, particles.proposed(), log_likelihoods, par)?;
@@ -165,7 +168,7 @@ where
             particles.adopt();
             *step = step.wrapping_add(1);
         }
-        Ok(weights)
+        Ok((weights, sums))
     }
 
     /// The estimate at the peak of the observation's likelihood; what was `known` before keeps it there where the observation says

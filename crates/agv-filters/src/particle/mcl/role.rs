@@ -5,11 +5,12 @@ use super::{
     filter::{Draw, Mcl},
 };
 use crate::particle::{
-    MotionModel, ResamplePolicy, Resampler, SampleSize, UpdatePolicy, WeighParticles, gaussian::PoseGaussian,
+    MotionModel, ResamplePolicy, Resampler, SampleSize, UpdatePolicy, WeighParticles, draw::draw_chunk,
+    gaussian::PoseGaussian,
 };
 use agv_core::{
     Error, check,
-    compute::{CHUNK, Stream},
+    compute::Stream,
     geometry::{Se2, UncertainPose},
     odometry::OdometryIncrement,
     roles::{Correct, LocalizationError, LocalizationStatus, Localizer, PoseBelief, PoseEstimate, UpdateOutcome},
@@ -118,10 +119,7 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
     ) -> bool {
         let (seed, step) = (self.seed_for(Draw::Initialization), self.belief.step);
         let fill = |chunk: usize, poses: &mut [Se2]| {
-            let mut stream = seed.stream(step, chunk as u64);
-            for (offset, pose) in poses.iter_mut().enumerate() {
-                *pose = sample(chunk * CHUNK + offset, &mut stream);
-            }
+            draw_chunk(chunk, poses, seed.stream(step, chunk as u64), &sample);
         };
         let accepted = self.belief.particles.refill(count, self.par, fill, accept);
         if accepted {

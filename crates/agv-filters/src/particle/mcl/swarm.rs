@@ -1,9 +1,9 @@
 //! Starting from a swarm that the first scans have weighed.
 
 use super::filter::{Draw, Mcl};
-use crate::particle::{ImprovedSwarm, InitialPoses, ParticleSet, Systematic, WeighParticles};
+use crate::particle::{ImprovedSwarm, InitialPoses, ParticleSet, Systematic, WeighParticles, draw::draw_chunk};
 use agv_core::{
-    compute::CHUNK,
+    compute::{CHUNK, Stream},
     geometry::{Se2, UncertainPose},
     roles::{LocalizationError, SkipReason, UpdateOutcome, UpdateReport},
 };
@@ -104,10 +104,8 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
         let (seed, step, space) = (self.seed_for(Draw::Initialization), self.belief.step, &self.free_space);
         let mut drawn = vec![Se2::default(); count];
         self.par.for_each_chunk(drawn.as_mut_slice(), CHUNK, |chunk, drawn: &mut [Se2]| {
-            let mut stream = seed.stream(step, chunk as u64);
-            for (offset, pose) in drawn.iter_mut().enumerate() {
-                *pose = poses.draw(space, chunk * CHUNK + offset, count, &mut stream);
-            }
+            let draw = |index: usize, stream: &mut Stream| poses.draw(space, index, count, stream);
+            draw_chunk(chunk, drawn, seed.stream(step, chunk as u64), draw);
         });
         let layout = space.layout();
         if drawn.iter().any(|pose| layout.cell_at(&pose.translation()).is_some()) {

@@ -1,13 +1,16 @@
 //! Draws of a turn, a straight run with a drift to its side, and a turn, for one particle or many.
 //!
-//! The mean turns are composed as they are; only the noise, a small angle, needs a sine. For many particles the noise is
+//! The mean turns are composed as they are; only the noise, a small angle, needs a sine. For many particles the random bits are
 //! drawn first, in the order of the particles, and the rest is arithmetic that the compiler vectorises for the machine that it
 //! finds at run time: the same operations as for one, and the same bits.
 
 #![expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set found at run time")]
 
 use super::{
-    super::trig::{SERIES_LIMIT, series},
+    super::{
+        normal,
+        trig::{SERIES_LIMIT, series},
+    },
     differential::{NoisyParts, small_turn},
 };
 use agv_core::{
@@ -16,7 +19,6 @@ use agv_core::{
 };
 use nalgebra::{UnitComplex, Vector2, Vector4};
 use pulp::{Arch, Simd, WithSimd};
-use rand_distr::{Distribution, StandardNormal};
 
 /// Particles whose noise is drawn before they move.
 const BLOCK: usize = 128;
@@ -42,8 +44,9 @@ impl Sampler {
     /// Noise of the first turn, the run, the last turn and the drift.
     #[inline]
     pub(super) fn draw(&self, stream: &mut Stream) -> [f64; 4] {
-        let noise: [f64; 4] = std::array::from_fn(|_| StandardNormal.sample(stream));
-        std::array::from_fn(|part| self.sigma[part] * noise[part])
+        let ([first, run], [last, drift]) = (normal::pair(stream), normal::pair(stream));
+        let sigma = &self.sigma;
+        [sigma[0] * first, sigma[1] * run, sigma[2] * last, sigma[3] * drift]
     }
 
     /// Where the motion ends, given the noise of its parts.
@@ -56,15 +59,28 @@ impl Sampler {
 
     /// Moves many particles.
     pub(super) fn propagate(&self, poses: &[Se2], moved: &mut [Se2], stream: &mut Stream, arch: Arch) {
-        let mut noise = Noise { first: [0.0; BLOCK], run: [0.0; BLOCK], last: [0.0; BLOCK], drift: [0.0; BLOCK] };
+        let mut bits = [[0_u32; BLOCK]; 4];
         for (poses, moved) in poses.chunks(BLOCK).zip(moved.chunks_mut(BLOCK)) {
-            let turns = noise.first.iter_mut().zip(&mut noise.last);
-            let ways = noise.run.iter_mut().zip(&mut noise.drift);
-            for ((first, last), (run, drift)) in turns.zip(ways).take(poses.len()) {
-                [*first, *run, *last, *drift] = self.draw(stream);
+            let [a, b, c, d] = &mut bits;
+            for ((a, b), (c, d)) in a.iter_mut().zip(b).zip(c.iter_mut().zip(d)).take(poses.len()) {
+                [*a, *b] = normal::word(stream);
+                [*c, *d] = normal::word(stream);
             }
-            arch.dispatch(Moves { sampler: self, noise: &noise, poses, moved });
+            arch.dispatch(Moves { sampler: self, bits: &bits, poses, moved });
         }
+    }
+
+    /// The noise of a block, as [`draw`](Self::draw) has it.
+    #[inline(always)]
+    fn noise(&self, [a, b, c, d]: &[[u32; BLOCK]; 4]) -> Noise {
+        let mut noise = Noise { first: [0.0; BLOCK], run: [0.0; BLOCK], last: [0.0; BLOCK], drift: [0.0; BLOCK] };
+        let sigma = &self.sigma;
+        for i in 0..BLOCK {
+            let ([first, run], [last, drift]) = (normal::from_bits(a[i], b[i]), normal::from_bits(c[i], d[i]));
+            (noise.first[i], noise.run[i]) = (sigma[0] * f64::from(first), sigma[1] * f64::from(run));
+            (noise.last[i], noise.drift[i]) = (sigma[2] * f64::from(last), sigma[3] * f64::from(drift));
+        }
+        noise
     }
 }
 
@@ -86,7 +102,7 @@ struct Noise {
 /// The moves of a block, compiled once for each instruction set.
 struct Moves<'a> {
     sampler: &'a Sampler,
-    noise: &'a Noise,
+    bits: &'a [[u32; BLOCK]; 4],
     poses: &'a [Se2],
     moved: &'a mut [Se2],
 }
@@ -96,7 +112,8 @@ impl WithSimd for Moves<'_> {
 
     #[inline(always)]
     fn with_simd<S: Simd>(self, _: S) {
-        let Self { sampler, noise, poses, moved } = self;
+        let Self { sampler, bits, poses, moved } = self;
+        let noise = sampler.noise(bits);
         let turns = noise.first[..poses.len()].iter().chain(&noise.last[..poses.len()]);
         let small: usize = turns.map(|turn| usize::from(turn.abs() <= SERIES_LIMIT)).sum();
         let turns = noise.first.iter().zip(&noise.last);

@@ -9,7 +9,7 @@ use crate::particle::WeighParticles;
 use agv_core::geometry::{LieGroup, Se2};
 
 impl LikelihoodSearch {
-    /// Poses that an update may spend: as many as its particles do, in proportion, if the belief is narrow and the estimate explains the
+    /// Poses that an update may spend: in proportion to its particles, if the belief is narrow and the estimate explains the
     /// observation; none if not, and the search is to be done at once.
     pub(super) fn budget<Z: ?Sized, S: WeighParticles<Z> + ?Sized>(
         &self,

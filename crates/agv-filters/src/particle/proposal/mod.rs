@@ -6,7 +6,7 @@ mod params;
 mod search;
 mod state;
 
-use super::{FreeSpace, gaussian::PoseGaussian};
+use super::{FreeSpace, draw::draw_chunk, gaussian::PoseGaussian};
 use agv_core::{
     Error, check,
     compute::{CHUNK, Par, Seed, Stream},
@@ -69,10 +69,7 @@ impl<'a> ProposalContext<'a> {
     /// Writes each pose with `draw(index, stream)`, in chunks with streams of their own.
     pub fn fill(&self, part: u64, poses: &mut [Se2], draw: impl Fn(usize, &mut Stream) -> Se2 + Sync) {
         self.par.for_each_chunk(poses, CHUNK, |chunk, poses: &mut [Se2]| {
-            let mut stream = self.stream(part, chunk);
-            for (offset, pose) in poses.iter_mut().enumerate() {
-                *pose = draw(chunk * CHUNK + offset, &mut stream);
-            }
+            draw_chunk(chunk, poses, self.stream(part, chunk), &draw);
         });
     }
 }

@@ -9,7 +9,7 @@
 use super::{
     LikelihoodSearchParams, ObservedPose, Place, PoseProposal, ProposalContext, ResumableProposal, SearchState,
 };
-use crate::particle::{PoseHistogram, WeighParticles};
+use crate::particle::{PoseHistogram, WeighParticles, normal};
 use agv_core::{
     Error,
     compute::Stream,
@@ -18,7 +18,6 @@ use agv_core::{
 };
 use nalgebra::Vector3;
 use rand::RngExt;
-use rand_distr::{Distribution, StandardNormal};
 
 /// Proposes poses that explain the scan; pose observations are drawn from as they are.
 ///
@@ -226,10 +225,8 @@ impl LikelihoodSearch {
 
 /// Draws with these standard deviations.
 fn noise(scale: &Vector3<f64>, stream: &mut Stream) -> Vector3<f64> {
-    scale.map(|sigma| {
-        let z: f64 = StandardNormal.sample(stream);
-        sigma * z
-    })
+    let ([x, y], [turn, _]) = (normal::pair(stream), normal::pair(stream));
+    scale.component_mul(&Vector3::new(x, y, turn))
 }
 
 impl ResumableProposal for LikelihoodSearch {

@@ -11,6 +11,7 @@
 mod checkpoint;
 mod reweigh;
 mod state;
+mod weighed;
 
 use super::Resampler;
 use agv_core::{
@@ -18,10 +19,10 @@ use agv_core::{
     compute::{CHUNK, Par, Stream},
     geometry::Se2,
 };
-use pulp::Arch;
 
 pub(super) use reweigh::WeightSums;
 pub use state::ParticleState;
+pub(super) use weighed::WeighedSums;
 
 /// Weighted samples of a state, of `map_from_base` unless said otherwise.
 ///
@@ -167,28 +168,6 @@ impl<X: ParticleState> ParticleSet<X> {
     pub fn propose(&mut self, par: Par, write: impl Fn(usize, &[X], &mut [X]) + Sync) {
         let pairs = (&self.states[..self.count], &mut self.spare[..self.count]);
         par.for_each_chunk(pairs, CHUNK, |chunk, (states, spare): (&[X], &mut [X])| write(chunk, states, spare));
-    }
-
-    /// Writes a new state and a log-likelihood for each particle with `write(index of chunk, states, new states, log-likelihoods)`, as
-    /// [`propose`](Self::propose), and sums up what the weights would be with them.
-    pub(super) fn propose_weighed(
-        &mut self,
-        log_likelihoods: &mut [f64],
-        par: Par,
-        arch: Arch,
-        write: impl Fn(usize, &[X], &mut [X], &mut [f64]) + Sync,
-    ) -> Option<WeightSums> {
-        let count = self.count;
-        let data = (&self.states[..count], &mut self.spare[..count], log_likelihoods, &self.log_weights[..count]);
-        par.map_reduce_chunks(
-            data,
-            CHUNK,
-            |chunk, (states, spare, new, old): (&[X], &mut [X], &mut [f64], &[f64])| {
-                write(chunk, states, spare, new);
-                WeightSums::of(old, new, arch)
-            },
-            WeightSums::with,
-        )
     }
 
     /// The states that were proposed last; what they are after anything else was drawn is not defined.

@@ -77,11 +77,18 @@ pub(in crate::particle) struct WeightSums {
 impl WeightSums {
     /// Those of a chunk, of old log-weights and log-likelihoods.
     pub(in crate::particle) fn of(old: &[f64], new: &[f64], arch: Arch) -> Self {
+        Self::with_weights(old, new, &mut [0.0; CHUNK], arch)
+    }
+
+    /// The same, and what the weights would be in the unit of the chunk, which has at most [`CHUNK`] particles.
+    pub(super) fn with_weights(old: &[f64], new: &[f64], weights: &mut [f64; CHUNK], arch: Arch) -> Self {
         let peak = arch.dispatch(Peak(old, new));
         if !peak.is_finite() {
+            weights.fill(0.0);
             return Self { peak, sum: 0.0, squares: 0.0, logs: 0.0 };
         }
-        let [sum, squares, logs] = arch.dispatch(Sums { old, new, peak });
+        let weights = &mut weights[..old.len().min(new.len())];
+        let [sum, squares, logs] = arch.dispatch(Sums { old, new, weights, peak });
         Self { peak, sum, squares, logs }
     }
 
@@ -92,18 +99,34 @@ impl WeightSums {
         Self { peak, sum: a.sum + b.sum, squares: a.squares + b.squares, logs: a.logs + b.logs }
     }
 
+    /// Logarithm of the unit.
+    pub(super) const fn peak(&self) -> f64 {
+        self.peak
+    }
+
     /// `(Σ w)² / Σ w²`; zero if no weight is possible.
     pub(in crate::particle) fn effective_sample_size(&self) -> f64 {
         if self.peak.is_finite() { self.sum * self.sum / self.squares } else { 0.0 }
     }
 
-    /// The same in another unit, not below its own; of impossible ones nothing is left.
-    fn by(self, peak: f64) -> Self {
+    /// What weights in this unit are to be multiplied by in another one, not below it; of impossible ones nothing is left.
+    pub(super) fn factor(&self, peak: f64) -> f64 {
         let below = self.peak - peak;
+        if below == 0.0 {
+            1.0
+        } else if below.is_finite() {
+            below.exp()
+        } else {
+            0.0
+        }
+    }
+
+    /// The same in another unit, not below its own.
+    fn by(self, peak: f64) -> Self {
+        let (below, factor) = (self.peak - peak, self.factor(peak));
         if below == 0.0 {
             return self;
         }
-        let factor = if below.is_finite() { below.exp() } else { 0.0 };
         let logs = if factor > 0.0 { factor * (self.logs + below * self.sum) } else { 0.0 };
         Self { peak, sum: factor * self.sum, squares: factor * factor * self.squares, logs }
     }
@@ -166,7 +189,16 @@ impl WithSimd for Weigh<'_> {
 struct Sums<'a> {
     old: &'a [f64],
     new: &'a [f64],
+    /// Where the weights are written.
+    weights: &'a mut [f64],
     peak: f64,
+}
+
+/// A weight of this logarithm, and `w ln w`: nothing times -∞ is nothing.
+#[inline(always)]
+fn with_logarithm(log: f64) -> (f64, f64) {
+    let w = exp(log);
+    (w, if w > 0.0 { w * log } else { 0.0 })
 }
 
 impl WithSimd for Sums<'_> {
@@ -176,21 +208,23 @@ impl WithSimd for Sums<'_> {
     fn with_simd<S: Simd>(self, _: S) -> [f64; 3] {
         let (mut sum, mut squares, mut logs) = ([0.0; LANES], [0.0; LANES], [0.0; LANES]);
         let ((old, old_rest), (new, new_rest)) = (self.old.as_chunks::<LANES>(), self.new.as_chunks::<LANES>());
-        let mut add = |lane: usize, old: f64, new: f64| {
-            let log_w = old + new - self.peak;
-            let w = exp(log_w);
-            sum[lane] += w;
-            squares[lane] += w * w;
-            // Nothing times -∞ is nothing.
-            logs[lane] += if w > 0.0 { w * log_w } else { 0.0 };
-        };
-        for (old, new) in old.iter().zip(new) {
+        let (weights, weights_rest) = self.weights.as_chunks_mut::<LANES>();
+        for ((old, new), weights) in old.iter().zip(new).zip(weights) {
+            let (mut ws, mut ls) = ([0.0; LANES], [0.0; LANES]);
             for lane in 0..LANES {
-                add(lane, old[lane], new[lane]);
+                (ws[lane], ls[lane]) = with_logarithm(old[lane] + new[lane] - self.peak);
             }
+            for lane in 0..LANES {
+                sum[lane] += ws[lane];
+                squares[lane] += ws[lane] * ws[lane];
+                logs[lane] += ls[lane];
+            }
+            *weights = ws;
         }
-        for (lane, (&old, &new)) in old_rest.iter().zip(new_rest).enumerate() {
-            add(lane, old, new);
+        for (lane, ((&old, &new), weight)) in old_rest.iter().zip(new_rest).zip(weights_rest).enumerate() {
+            let (w, log) = with_logarithm(old + new - self.peak);
+            (*weight, sum[lane]) = (w, sum[lane] + w);
+            (squares[lane], logs[lane]) = (squares[lane] + w * w, logs[lane] + log);
         }
         [sum, squares, logs].map(|[a, b, c, d, e, f, g, h]| ((a + b) + (c + d)) + ((e + f) + (g + h)))
     }

@@ -256,7 +256,7 @@ impl GridSolver for Swarm {
         self.best.length = f64::INFINITY;
         self.goal = goal;
         // Whether there is a way at all; it takes no longer than a few ants, and is not counted.
-        let reached = self.reach.search(space, start, goal, &mut Limits::none());
+        let reached = self.reach.search(space, start, goal, &mut limits.without_budget());
         if !matches!(reached.end, SearchEnd::Goal { .. }) {
             return reached;
         }

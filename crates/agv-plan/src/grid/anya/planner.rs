@@ -4,14 +4,15 @@ use super::{ray::Point, runs::Runs, search::Search};
 use crate::{
     Error,
     grid::{
-        GridPlannerParams, GridSpace, Limits,
-        query::{Endpoints, Tolerances, endpoints, nearest_node},
+        GridParams, GridPlannerParams, GridSpace, Limits,
+        components::Parts,
+        query::{Tolerances, endpoints},
     },
 };
 use agv_core::{
     check,
     geometry::{Se2, So2},
-    grid::{Components, Connectivity, CornerRule, Costmap, GridLayout},
+    grid::{Connectivity, CornerRule, Costmap, GridLayout},
     path::{Gear, Path, PathPoint},
     roles::{GlobalPlanner, NoPathReason, PlanError, PlanOutcome},
 };
@@ -25,7 +26,7 @@ use nalgebra::Vector2;
 /// connectivity and corner rule the parameters name. For a vehicle, plan on a costmap that is inflated for it. The start pose
 /// and the goal pose are joined to the centres of their cells; the cost is the length from centre to centre, in metres.
 ///
-/// That there is no path is known without a search. With a budget, counted in cones and corners, or when it is cancelled, the
+/// That there is no path is found by a search once per map, and known without one from then on. With a budget, counted in cones and corners, or when it is cancelled, the
 /// path leads to the corner nearest to the goal. Once it has seen the largest map, a query allocates nothing beyond the growth of its lists.
 ///
 /// ```
@@ -53,7 +54,7 @@ pub struct Anya {
     params: GridPlannerParams,
     space: GridSpace,
     runs: Runs,
-    components: Components,
+    parts: Parts,
     search: Search,
     /// From the goal back to the start.
     way: Vec<Point>,
@@ -69,37 +70,19 @@ impl Anya {
     pub fn new(params: GridPlannerParams) -> Result<Self, Error> {
         check::non_negative("start_tolerance", params.start_tolerance)?;
         check::non_negative("goal_tolerance", params.goal_tolerance)?;
-        let space = GridSpace::new(params.grid)?;
+        // What its paths can reach is what steps over edges can.
+        let steps = GridParams { connectivity: Connectivity::Four, corner_rule: CornerRule::Never, ..params.grid };
+        let space = GridSpace::new(steps)?;
         if space.is_weighted() {
             return Err(Error::UniformCostsOnly { planner: "Anya", cost_weight: params.grid.cost_weight });
         }
-        let (runs, components, search) = Default::default();
-        Ok(Self { params, space, runs, components, search, way: Vec::new(), positions: Vec::new() })
+        let (runs, parts, search) = Default::default();
+        Ok(Self { params, space, runs, parts, search, way: Vec::new(), positions: Vec::new() })
     }
 
     /// Parameters it was made with.
     pub const fn params(&self) -> &GridPlannerParams {
         &self.params
-    }
-
-    /// Takes what is new in a costmap.
-    fn update(&mut self, costmap: &Costmap) {
-        self.space.update(costmap);
-        if self.runs.update(&self.space) {
-            let steps = (Connectivity::Four, CornerRule::Never);
-            let space = &self.space;
-            self.components.compute(costmap.layout(), steps, |index| space.is_passable(index as u32));
-        }
-    }
-
-    /// The goal, or the nearest cell within its tolerance that can be reached.
-    fn reachable(&self, ends: Endpoints, goal: &Se2) -> Option<u32> {
-        let start = self.space.cell(ends.start);
-        let joined = |node: u32| self.components.are_joined(start, self.space.cell(node));
-        if joined(ends.goal) {
-            return Some(ends.goal);
-        }
-        nearest_node(&self.space, goal, self.params.goal_tolerance, joined)
     }
 
     /// Writes the way of the last search, and says how long it is, in cells.
@@ -143,63 +126,54 @@ impl Anya {
         }
         Ok(length)
     }
+}
 
-    /// As [`plan_into`](GlobalPlanner::plan_into), but asks `cancel` every [`Limits::CANCEL_INTERVAL`] expansions whether
-    /// to stop.
-    ///
-    /// # Errors
-    /// As [`plan_into`](GlobalPlanner::plan_into).
-    pub fn plan_with_cancel(
+impl GlobalPlanner for Anya {
+    /// Asks every [`Limits::CANCEL_INTERVAL`] expansions.
+    fn plan_with_cancel(
         &mut self,
         costmap: &Costmap,
-        (start, goal): (&Se2, &Se2),
+        start: &Se2,
+        goal: &Se2,
         path: &mut Path,
-        cancel: &mut dyn FnMut() -> bool,
-    ) -> Result<PlanOutcome, PlanError> {
-        self.plan(costmap, (start, goal), path, Some(cancel))
-    }
-
-    fn plan(
-        &mut self,
-        costmap: &Costmap,
-        (start, goal): (&Se2, &Se2),
-        path: &mut Path,
-        cancel: Option<&mut dyn FnMut() -> bool>,
+        cancelled: &mut dyn FnMut() -> bool,
     ) -> Result<PlanOutcome, PlanError> {
         path.clear();
         let layout = *costmap.layout();
-        self.update(costmap);
+        self.space.update(costmap);
+        self.runs.update(&self.space);
         let tolerances = Tolerances { start: self.params.start_tolerance, goal: self.params.goal_tolerance };
         let no_path = |reason, expansions| Ok(PlanOutcome::NoPath { reason, expansions });
         let ends = match endpoints(&self.space, &layout, (start, goal), tolerances)? {
             Ok(ends) => ends,
             Err(reason) => return no_path(reason, 0),
         };
-        let Some(last) = self.reachable(ends, goal) else { return no_path(NoPathReason::Disconnected, 0) };
-        let (from, to) = (self.space.cell(ends.start), self.space.cell(last));
-        let mut limits = Limits { budget: self.params.max_expansions, cancel };
-        let end = self.search.run(&self.runs, (from, to), &mut limits);
-        self.search.way_back_into(&mut self.way);
-        let expansions = self.search.expansions;
-        let length = self.write(&layout, (start, goal), end.is_ok(), path)?;
+        let joined_goal =
+            |parts: &Parts, space: &GridSpace| parts.joined_goal(space, ends, goal, self.params.goal_tolerance);
+        let Some(mut last) = joined_goal(&self.parts, &self.space) else {
+            return no_path(NoPathReason::Disconnected, 0);
+        };
+        let mut limits = Limits { budget: self.params.max_expansions, cancel: Some(cancelled) };
+        let from = self.space.cell(ends.start);
+        let mut end = self.search.run(&self.runs, (from, self.space.cell(last)), &mut limits);
+        let mut expansions = self.search.expansions;
         if end == Err(NoPathReason::Disconnected) {
-            path.clear();
+            self.parts.label(&self.space);
+            let instead = joined_goal(&self.parts, &self.space).filter(|&node| node != last);
+            let Some(node) = instead else { return no_path(NoPathReason::Disconnected, expansions) };
+            last = node;
+            limits.budget = limits.budget.saturating_sub(expansions);
+            end = self.search.run(&self.runs, (from, self.space.cell(last)), &mut limits);
+            expansions += self.search.expansions;
         }
+        if end == Err(NoPathReason::Disconnected) {
+            return no_path(NoPathReason::Disconnected, expansions);
+        }
+        self.search.way_back_into(&mut self.way);
+        let length = self.write(&layout, (start, goal), end.is_ok(), path)?;
         match end {
             Ok(()) => Ok(PlanOutcome::Found { cost: length * layout.resolution(), expansions }),
             Err(reason) => no_path(reason, expansions),
         }
-    }
-}
-
-impl GlobalPlanner for Anya {
-    fn plan_into(
-        &mut self,
-        costmap: &Costmap,
-        start: &Se2,
-        goal: &Se2,
-        path: &mut Path,
-    ) -> Result<PlanOutcome, PlanError> {
-        self.plan(costmap, (start, goal), path, None)
     }
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::grid::{AStar, AStarParams};
-use crate::smooth::{KeyNodes, KeyNodesParams, Straightened};
+use crate::smooth::{KeyNodes, LineOfSightParams, Straightened};
 use agv_core::geometry::{LieGroup, Se2, So2};
 use agv_core::grid::{Cell, CellState, CollisionParams, Grid, GridLayout, Inflation, InflationParams};
 use agv_core::path::Gear;
@@ -60,7 +60,7 @@ proptest! {
         let pose = |x, y| Se2::from_parts(layout.center(Cell::new(x, y)), So2::default());
         let mut planner = Straightened::new(
             AStar::new(AStarParams::default()).unwrap(),
-            KeyNodes::new(KeyNodesParams::default()).unwrap(),
+            KeyNodes::new(LineOfSightParams::default()).unwrap(),
         );
         let (mut path, mut smooth) = (Path::new(), Path::new());
         let outcome = planner.plan_into(&costmap, &pose(4, 4), &pose(75, 75), &mut path).unwrap();

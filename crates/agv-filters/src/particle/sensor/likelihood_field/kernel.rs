@@ -22,7 +22,7 @@ const BLOCK: usize = 64;
 const TAIL: usize = 16;
 
 /// Beams that are looked up together.
-const GROUP: usize = 4;
+pub(super) const GROUP: usize = 4;
 
 /// Adding 2²³ to a number in [0, 2²²] leaves its nearest whole number in the low bits of the sum.
 const ROUNDER: f32 = 8_388_608.0;
@@ -60,6 +60,13 @@ impl EndPoints {
     /// The end points, in the base frame, in cells.
     pub(super) fn iter(&self) -> impl Iterator<Item = (f32, f32)> + Clone + '_ {
         self.groups.iter().flat_map(|group| group.x.into_iter().zip(group.y)).take(self.count)
+    }
+
+    /// The end points by groups, `(x, y, how many of them are end points)`.
+    #[inline(always)]
+    pub(super) fn groups(&self) -> impl Iterator<Item = (&[f32; GROUP], &[f32; GROUP], usize)> {
+        let counts = (0..self.count).step_by(GROUP).map(|first| (self.count - first).min(GROUP));
+        self.groups.iter().zip(counts).map(|(group, count)| (&group.x, &group.y, count))
     }
 
     pub(super) fn clear(&mut self) {

@@ -28,7 +28,6 @@ use agv_core::{
 };
 use beams::Beams;
 use kernel::{COORDINATE_BITS, EndPoints, ScanOnTable};
-use nalgebra::Vector2;
 use pulp::Arch;
 use refine::Refiner;
 use std::sync::Arc;
@@ -114,8 +113,7 @@ impl SensorModel<LaserScan> for LikelihoodFieldModel {
         }
         let ends = self.beams.known();
         let weight = self.params.form.power(ends.len());
-        let ends = ends.iter().map(|(x, y)| Vector2::new(f64::from(x), f64::from(y)));
-        Refiner { table: &self.table, ends, weight }.refine(guess)
+        Refiner { table: &self.table, ends, weight, arch: self.arch }.refine(guess)
     }
 }
 

@@ -12,9 +12,16 @@
 //! deviations, and the mean of the particles with it. Between the centres of cells the distance is interpolated, so that the
 //! pose is not tied to them.
 
-use super::table::Table;
+#![expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set found at run time")]
+
+use super::{
+    kernel::{EndPoints, GROUP},
+    table::Table,
+};
+use crate::particle::exp::exp;
 use agv_core::geometry::{LieGroup, Se2, UncertainPose};
-use nalgebra::{Matrix3, Vector2, Vector3};
+use nalgebra::{Matrix3, Vector3};
+use pulp::{Arch, Simd, WithSimd};
 
 /// Steps at most; five are usual.
 const STEPS: usize = 10;
@@ -26,12 +33,12 @@ const SHORT: f64 = 1e-4;
 const FAR: f64 = 2.5;
 
 /// A scan, ready to pull a pose to where it fits.
-pub(super) struct Refiner<'a, E> {
+pub(super) struct Refiner<'a> {
     pub(super) table: &'a Table,
-    /// End points in the base frame, in cells.
-    pub(super) ends: E,
+    pub(super) ends: &'a EndPoints,
     /// What a beam counts.
     pub(super) weight: f64,
+    pub(super) arch: Arch,
 }
 
 /// The normal equations at a pose.
@@ -41,7 +48,7 @@ struct Normal {
     cost: f64,
 }
 
-impl<E: Iterator<Item = Vector2<f64>> + Clone> Refiner<'_, E> {
+impl Refiner<'_> {
     /// The pose; none if it is not better than the guess.
     pub(super) fn refine(&self, guess: &UncertainPose<Se2>) -> Option<Se2> {
         let information = guess.covariance().try_inverse()?;
@@ -63,53 +70,102 @@ impl<E: Iterator<Item = Vector2<f64>> + Clone> Refiner<'_, E> {
     fn normal(&self, pose: &Se2, guess: &Se2, information: &Matrix3<f64>) -> Normal {
         let off = pose.minus(guess);
         let pull = information * off;
-        let mut normal = Normal { hessian: *information, gradient: pull, cost: 0.5 * off.dot(&pull) };
-        let table = self.table;
-        let in_grid = table.grid_from_map.compose(pose);
-        // In the table's cells, whose centres are whole numbers.
-        let origin = in_grid.translation() * table.cells_per_metre + Vector2::repeat(0.5);
-        let (turn, turn_back) = (in_grid.rotation(), in_grid.rotation().inverse());
-        let sharpness = 3.0 / (table.sigma * table.sigma);
-        for end in self.ends.clone() {
-            normal.cost += self.weight;
-            let Some((distance, slope)) = table.distance(&(origin + turn.act(&end))) else { continue };
-            if distance > FAR * table.sigma {
-                continue;
-            }
-            let kernel = self.weight * (-0.5 * sharpness * distance * distance).exp();
-            normal.cost -= kernel;
-            let (slope, arm) = (turn_back.act(&slope), end / table.cells_per_metre);
-            let slope = Vector3::new(slope.x, slope.y, slope.y * arm.x - slope.x * arm.y);
-            normal.gradient += slope * (sharpness * kernel * distance);
-            normal.hessian += slope * slope.transpose() * (sharpness * kernel);
+        let [near, gx, gy, gt, xx, xy, xt, yy, yt, tt] =
+            self.arch.dispatch(Pull { refiner: self, in_grid: self.table.grid_from_map.compose(pose) });
+        Normal {
+            hessian: information + Matrix3::new(xx, xy, xt, xy, yy, yt, xt, yt, tt) * self.weight,
+            gradient: pull + Vector3::new(gx, gy, gt) * self.weight,
+            cost: 0.5 * off.dot(&pull) + self.weight * (self.ends.len() as f64 - near),
         }
-        normal
     }
 }
 
+/// What the beams of a scan pull at a pose, in units of one beam: `Σ exp(-d² / 2k²)`, the gradient, and the upper triangle of the
+/// Hessian.
+///
+/// A group of beams goes side by side; the sums run in fixed lanes, so that the bits do not depend on the instruction set.
+struct Pull<'a> {
+    refiner: &'a Refiner<'a>,
+    in_grid: Se2,
+}
+
+/// Adding 2⁵² to a number in [0, 2³²) leaves its nearest whole number in the low bits of the sum.
+const ROUNDER: f64 = 4_503_599_627_370_496.0;
+
+impl WithSimd for Pull<'_> {
+    type Output = [f64; 10];
+
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, _: S) -> [f64; 10] {
+        let Refiner { table, ends, .. } = *self.refiner;
+        // In the table's cells, whose centres are whole numbers.
+        let origin = self.in_grid.translation() * table.cells_per_metre;
+        let (cos, sin) = (self.in_grid.rotation().cos(), self.in_grid.rotation().sin());
+        let last = table.last.map(f64::from);
+        let (stride, metres) = (table.stride as usize, table.cells_per_metre.recip());
+        let (far, sharpness) = (FAR * table.sigma, 3.0 / (table.sigma * table.sigma));
+        let mut sums = [[0.0; GROUP]; 10];
+        for (end_x, end_y, used) in ends.groups() {
+            let (mut u, mut v, mut is_used) = ([0.0; GROUP], [0.0; GROUP], [false; GROUP]);
+            let mut corners = [[0_u32; GROUP]; 2];
+            for lane in 0..GROUP {
+                let (x, y) = (f64::from(end_x[lane]), f64::from(end_y[lane]));
+                let at = [origin.x + 0.5 + (cos * x - sin * y), origin.y + 0.5 + (sin * x + cos * y)];
+                // NaN fails all comparisons.
+                let is_inside = at[0] >= 0.0 && at[1] >= 0.0 && at[0] < last[0] && at[1] < last[1];
+                is_used[lane] = is_inside && lane < used;
+                let [a, b] = at.map(|at| if is_inside { at } else { 0.0 });
+                let [(column, left), (row, below)] = [a, b].map(floor);
+                (u[lane], v[lane], corners[0][lane], corners[1][lane]) = (left, below, column, row);
+            }
+            let mut levels = [[0_u32; GROUP]; 4];
+            for lane in 0..GROUP {
+                let first = corners[1][lane] as usize * stride + corners[0][lane] as usize;
+                for (levels, offset) in levels.iter_mut().zip([0, 1, stride, stride + 1]) {
+                    levels[lane] = u32::from(table.terms[first + offset]);
+                }
+            }
+            for lane in 0..GROUP {
+                let [d00, d10, d01, d11] = levels.map(|levels| table.distance(levels[lane]));
+                let (u, v) = (u[lane], v[lane]);
+                let distance = (1.0 - v) * ((1.0 - u) * d00 + u * d10) + v * ((1.0 - u) * d01 + u * d11);
+                let along = [(1.0 - v) * (d10 - d00) + v * (d11 - d01), (1.0 - u) * (d01 - d00) + u * (d11 - d10)];
+                let counts = is_used[lane] && distance <= far;
+                let kernel = exp(-0.5 * sharpness * distance * distance);
+                let kernel = if counts { kernel } else { 0.0 };
+                // The slope in the base frame, per metre, and by the heading.
+                let x = (cos * along[0] + sin * along[1]) * table.cells_per_metre;
+                let y = (cos * along[1] - sin * along[0]) * table.cells_per_metre;
+                let turn = (y * f64::from(end_x[lane]) - x * f64::from(end_y[lane])) * metres;
+                let sharp = sharpness * kernel;
+                let (sx, sy, st, pull) = (sharp * x, sharp * y, sharp * turn, sharp * distance);
+                let terms =
+                    [kernel, pull * x, pull * y, pull * turn, sx * x, sx * y, sx * turn, sy * y, sy * turn, st * turn];
+                sums.iter_mut().zip(terms).for_each(|(sum, term)| sum[lane] += term);
+            }
+        }
+        sums.map(|[a, b, c, d]| (a + b) + (c + d))
+    }
+}
+
+/// The greatest whole number not above a number in [0, 2³²), and the rest.
+#[inline(always)]
+fn floor(at: f64) -> (u32, f64) {
+    let shifted = at + ROUNDER;
+    let nearest = shifted - ROUNDER;
+    let is_above = nearest > at;
+    let floor = if is_above { nearest - 1.0 } else { nearest };
+    ((shifted.to_bits() as u32).wrapping_sub(u32::from(is_above)), at - floor)
+}
+
 impl Table {
-    /// Distance from what the map shows at a point in cells of the table, and its gradient in the grid's frame; none off the map.
+    /// Distance from what the map shows, in metres, where a term has this level.
     ///
     /// A term is `ln(peak exp(-d² / 2σ²) + floor)`: as long as the first summand is the larger one, `d² = 2σ² (greatest - term)`.
-    fn distance(&self, at: &Vector2<f64>) -> Option<(f64, Vector2<f64>)> {
-        let corner = at.map(f64::floor);
-        let [last_x, last_y] = self.last.map(f64::from);
-        // NaN fails all comparisons.
-        if !(corner.x >= 0.0 && corner.y >= 0.0 && corner.x < last_x && corner.y < last_y) {
-            return None;
-        }
-        let (u, v) = (at.x - corner.x, at.y - corner.y);
-        let stride = self.stride as usize;
-        let first = corner.y as usize * stride + corner.x as usize;
-        let scale = self.sigma * std::f64::consts::SQRT_2;
-        let distance = |index: usize| {
-            Some(scale * (self.greatest - self.sum(u32::from(*self.terms.get(index)?), 1)).max(0.0).sqrt())
-        };
-        let (d00, d10) = (distance(first)?, distance(first + 1)?);
-        let (d01, d11) = (distance(first + stride)?, distance(first + stride + 1)?);
-        let value = (1.0 - v) * ((1.0 - u) * d00 + u * d10) + v * ((1.0 - u) * d01 + u * d11);
-        let along = Vector2::new((1.0 - v) * (d10 - d00) + v * (d11 - d01), (1.0 - u) * (d01 - d00) + u * (d11 - d10));
-        Some((value, along * self.cells_per_metre))
+    #[inline(always)]
+    fn distance(&self, level: u32) -> f64 {
+        let below = self.greatest - self.sum(level, 1);
+        self.sigma * (2.0 * if below > 0.0 { below } else { 0.0 }).sqrt()
     }
 }
 
@@ -172,6 +228,18 @@ mod tests {
                 let error = found.minus(&truth);
                 assert!(error.xy().norm() < 0.01 && error.z.abs() < 0.005, "{truth:?}: {error}");
             }
+        }
+    }
+
+    #[test]
+    fn every_instruction_set_gives_the_same_bits() {
+        let mut model = model(true);
+        let truth = Se2::new(1.033, 0.521, 0.7);
+        let (scan, guess) = (scan(&truth, true), guess(truth.plus(&Vector3::new(0.08, -0.06, 0.05)), 0.3));
+        let found = model.refine(&scan, &guess);
+        for arch in crate::particle::simd::archs() {
+            model.arch = arch;
+            assert_eq!(model.refine(&scan, &guess), found, "{arch:?}");
         }
     }
 

@@ -4,7 +4,7 @@
 //! into the circle around its own box. A rectangle of `l` by `w` takes `2 l / w` circles, which stand out by 0.06 `w` at its
 //! sides, where the one circle around the whole stands out by half the difference of its sides or more.
 
-use super::footprint::clip;
+use super::runs::clip;
 use crate::geometry::outline::edges;
 use nalgebra::Vector2;
 

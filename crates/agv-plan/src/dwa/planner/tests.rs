@@ -1,0 +1,207 @@
+use super::*;
+use crate::local::{
+    FieldParams,
+    critics::{
+        BoundedObstacle, Clearance, GoalAlign, GoalDistance, Heading, KeyNodeDistance, KeyNodeHeading, PathAlign,
+        PathDistance, Twirling, Velocity,
+    },
+};
+use agv_core::{
+    compute::Seed,
+    geometry::Se2,
+    grid::{CellState, Costmap, Footprint, Grid, GridLayout, LocalMap, LocalMapParams},
+    kinematics::MotionLimits,
+    obstacle::MovingObstacle,
+    path::{Path, PathPoint},
+    roles::VehicleState,
+};
+use rand_distr::{Distribution, Normal};
+
+fn hall(post: Option<(f64, f64, f64)>) -> LocalMap {
+    let layout = GridLayout::new(180, 120, 0.05, Se2::new(-1.5, -3.0, 0.0)).unwrap();
+    let mut map = Grid::filled(layout, CellState::Free);
+    for index in 0..layout.len() {
+        let center = layout.center(layout.cell(index));
+        if post.is_some_and(|(x, y, radius)| (center - Vector2::new(x, y)).norm() < radius) {
+            map.set(layout.cell(index), CellState::Occupied);
+        }
+    }
+    LocalMap::new(&Costmap::from_map(&map), LocalMapParams::default()).unwrap()
+}
+
+fn path() -> Path {
+    Path::from_positions(&[Vector2::zeros(), Vector2::new(6.0, 0.0)]).unwrap()
+}
+
+fn params() -> DwaParams {
+    DwaParams::for_footprint(&Footprint::rectangle(-0.25, 0.35, 0.4).unwrap())
+}
+
+/// Drives until the vehicle arrives or stands blocked; where it was, in every cycle.
+fn drive(
+    planner: &mut Dwa,
+    map: &LocalMap,
+    people: &[MovingObstacle],
+    noise: Option<u64>,
+) -> (Vec<VehicleState>, LocalPlanStatus) {
+    let (limits, path) = (MotionLimits::default(), path());
+    let mut state = VehicleState::new(Se2::default(), Twist2::ZERO);
+    let (mut people, mut states) = (people.to_vec(), Vec::new());
+    let (mut stream, normal) = (Seed(noise.unwrap_or(0)).stream(0, 0), Normal::new(0.0, 0.01).unwrap());
+    let mut status = LocalPlanStatus::Following;
+    for _ in 0..400 {
+        let mut seen = state;
+        if noise.is_some() {
+            let mut draw = || normal.sample(&mut stream);
+            seen.map_from_base = state.map_from_base.compose(&Se2::new(draw(), draw(), draw()));
+        }
+        let request = LocalPlanRequest { state: seen, path: &path, map, obstacles: &people, limits: &limits, dt: 0.1 };
+        let command = planner.command(request).unwrap();
+        assert!(limits.allows_step(&state.motion(), &command.motion, 0.1));
+        state = state.after(&command.motion, 0.1);
+        for person in &mut people {
+            person.position = person.position_after(0.1);
+        }
+        states.push(state);
+        status = command.status;
+        if status == LocalPlanStatus::Arrived {
+            break;
+        }
+    }
+    (states, status)
+}
+
+/// An obstacle in the middle of the way, as wide to the left as to the right, and a pose that is noisy: whichever side is taken, it
+/// is kept.
+#[test]
+fn it_does_not_hesitate_before_a_symmetrical_obstacle() {
+    let map = hall(Some((3.0, 0.0, 0.5)));
+    for seed in 0..100 {
+        let mut planner = Dwa::new(params()).unwrap();
+        let (states, status) = drive(&mut planner, &map, &[], Some(seed));
+        assert_eq!(status, LocalPlanStatus::Arrived, "seed {seed}");
+        // The side that is headed for, once it can be told.
+        let sides: Vec<bool> = states
+            .iter()
+            .map(|state| state.map_from_base)
+            .filter(|pose| pose.x() < 3.0 && pose.y().abs() > 0.05)
+            .map(|pose| pose.y() > 0.0)
+            .collect();
+        let changes = sides.windows(2).filter(|w| w[0] != w[1]).count();
+        assert!(changes <= 1, "seed {seed}: {changes} changes of the side");
+    }
+}
+
+#[test]
+fn it_lets_somebody_pass_who_crosses() {
+    let map = hall(None);
+    let person = MovingObstacle::new(Vector2::new(2.5, -2.0), Vector2::new(0.0, 0.7), 0.3).unwrap();
+    let mut planner = Dwa::new(params()).unwrap();
+    let (states, status) = drive(&mut planner, &map, &[person], None);
+    assert_eq!(status, LocalPlanStatus::Arrived);
+    for (i, state) in states.iter().enumerate() {
+        let gap = person.gap_after(0.1 * (i + 1) as f64, &params().footprint, &state.map_from_base);
+        assert!(gap > 0.0, "after {i} cycles");
+    }
+}
+
+/// Each set of critics leads to the goal past a post; the classic three, which stop before obstacles, on free ground.
+#[test]
+fn other_critics_lead_there_too() {
+    let sets: [fn() -> Vec<Critic>; 3] = [
+        || {
+            vec![
+                Critic::normalized(0.3, Heading),
+                Critic::normalized(0.2, Clearance::default()),
+                Critic::normalized(0.3, Velocity),
+            ]
+        },
+        || {
+            vec![
+                Critic::normalized(0.2, KeyNodeHeading),
+                Critic::normalized(0.3, Velocity),
+                Critic::normalized(0.2, BoundedObstacle::default()),
+                Critic::normalized(0.2, KeyNodeDistance),
+            ]
+        },
+        || {
+            vec![
+                Critic::new(1.0, GoalDistance),
+                Critic::new(0.3, PathDistance),
+                Critic::new(0.1, PathAlign),
+                Critic::new(0.2, GoalAlign),
+                Critic::new(0.01, Twirling),
+                Critic::new(0.2, Clearance { enough: 0.3 }),
+                Critic::new(0.5, PreferForward),
+                Critic::new(0.05, Oscillation),
+            ]
+        },
+    ];
+    let halls = [hall(None), hall(Some((3.0, 0.7, 0.2))), hall(Some((3.0, 0.7, 0.2)))];
+    for (k, (critics, map)) in sets.into_iter().zip(halls).enumerate() {
+        let mut planner = Dwa::with_critics(params(), critics()).unwrap();
+        let (states, _) = drive(&mut planner, &map, &[], None);
+        let nearest = states.iter().map(|s| (s.map_from_base.translation() - Vector2::new(6.0, 0.0)).norm());
+        assert!(nearest.fold(f64::INFINITY, f64::min) < 0.5, "set {k}: {:?}", states.last());
+    }
+}
+
+#[test]
+fn bad_input_is_refused_or_told() {
+    let good = params();
+    for bad in [
+        DwaParams { speeds: 1, ..good.clone() },
+        DwaParams { turns: 0, ..good.clone() },
+        DwaParams { steps: 0, ..good.clone() },
+        DwaParams { horizon: 0.0, ..good.clone() },
+        DwaParams { window: f64::NAN, ..good.clone() },
+        DwaParams { look_ahead: -1.0, ..good.clone() },
+        DwaParams { stopping_share: 2.0, ..good.clone() },
+        DwaParams { patience: 0.0, ..good.clone() },
+        DwaParams { speeds: usize::MAX, ..good.clone() },
+        DwaParams { field: FieldParams { resolution: 0.0, ..good.field }, ..good.clone() },
+    ] {
+        assert!(Dwa::new(bad.clone()).is_err(), "{bad:?}");
+    }
+    let (map, limits, way) = (hall(Some((3.0, 0.0, 0.5))), MotionLimits::default(), path());
+    let mut planner = Dwa::new(good).unwrap();
+    let state = VehicleState::new(Se2::default(), Twist2::ZERO);
+    let request = LocalPlanRequest { state, path: &way, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
+    let mut still = limits;
+    (still.twist.forward_speed, still.twist.reverse_speed, still.twist.yaw_rate) = (0.0, 0.0, 0.0);
+    // No speed at all: it stands, and says so.
+    let command = planner.command(LocalPlanRequest { limits: &still, ..request }).unwrap();
+    assert!(command.motion.twist == Twist2::ZERO && matches!(command.status, LocalPlanStatus::Blocked(_)));
+    let inside = VehicleState::new(Se2::new(3.0, 0.0, 0.0), Twist2::ZERO);
+    let command = planner.command(LocalPlanRequest { state: inside, ..request }).unwrap();
+    assert_eq!(command.status, LocalPlanStatus::InCollision);
+    let aside = VehicleState::new(Se2::new(3.0, 2.0, 0.0), Twist2::ZERO);
+    let command = planner.command(LocalPlanRequest { state: aside, ..request }).unwrap();
+    assert_eq!(command.status, LocalPlanStatus::Blocked(BlockReason::OffPath));
+    // A goal in the obstacle, and a path of one point.
+    let into = Path::from_positions(&[Vector2::zeros(), Vector2::new(3.0, 0.0)]).unwrap();
+    assert!(planner.command(LocalPlanRequest { path: &into, ..request }).is_ok());
+    let mut one = Path::new();
+    one.push(PathPoint { pose: Se2::new(0.0, 2.0, 1.0), ..PathPoint::default() }).unwrap();
+    let command = planner.command(LocalPlanRequest { path: &one, ..request }).unwrap();
+    assert_eq!(command.status, LocalPlanStatus::Following);
+    assert_eq!(planner.command(LocalPlanRequest { path: &Path::new(), ..request }), Err(LocalPlanError::EmptyPath));
+    for bad in [f64::NAN, f64::INFINITY, -1.0, 0.0] {
+        assert!(planner.command(LocalPlanRequest { dt: bad, ..request }).is_err());
+    }
+}
+
+/// Paper 000's adjustment of the window: narrow near obstacles and at rest.
+#[test]
+fn the_window_follows_speed_and_room() {
+    let (limits, way) = (MotionLimits::default(), path());
+    let planner = Dwa::new(DwaParams { adaptive: Some(crate::dwa::AdaptiveWindow::default()), ..params() }).unwrap();
+    let time = |map: &LocalMap, speed: f64| {
+        let state = VehicleState::new(Se2::default(), Twist2::new(speed, 0.0, 0.0));
+        planner.window_time(&LocalPlanRequest { state, path: &way, map, obstacles: &[], limits: &limits, dt: 0.1 })
+    };
+    let (free, near) = (hall(None), hall(Some((0.8, 0.0, 0.2))));
+    assert_eq!(time(&free, 1.0), 0.6);
+    assert_eq!(time(&free, 0.0), 0.3);
+    assert!(time(&near, 1.0) < 0.25);
+}

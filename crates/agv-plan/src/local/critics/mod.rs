@@ -1,0 +1,121 @@
+//! Critics: what is good or bad about a trajectory, each by one view, put together with weights.
+//!
+//! | critic | of | what it dislikes |
+//! |---|---|---|
+//! | [`Progress`] | Brock and Khatib 1999, with the field of [`NavigationField`] | not to come nearer to the goal around obstacles; the default |
+//! | [`Heading`], [`Clearance`], [`Velocity`] | Fox, Burgard and Thrun 1997 | to face away from the goal, to be near obstacles, to be slow |
+//! | [`PathDistance`], [`PathAlign`], [`GoalDistance`], [`GoalAlign`] | Nav2's DWB | to leave the path, to face away from it, to stay far from its goal |
+//! | [`PreferForward`], [`Oscillation`], [`Twirling`] | Nav2's DWB | to back up, to change the side, to turn for nothing |
+//! | [`BoundedObstacle`], [`KeyNodeDistance`], [`KeyNodeHeading`] | paper 002, Eqs 24 and 25 | as the classic ones, but only near obstacles, and towards the next key node |
+//!
+//! Each scores a whole batch. Its costs may be brought to the range from 0 to 1 over the batch before they are weighed, as papers 000 and 002
+//! do; costs in metres of way are better left as they are. A trajectory that one critic rules out is not shown to the next ones.
+
+mod classic;
+mod improved;
+mod path;
+mod preference;
+mod progress;
+
+use super::{Drive, NavigationField, Trajectories};
+use agv_core::{geometry::Twist2, path::Course, roles::LocalPlanRequest};
+pub use classic::{Clearance, Heading, Velocity};
+pub use improved::{BoundedObstacle, KeyNodeDistance, KeyNodeHeading};
+use nalgebra::Vector2;
+pub use path::{GoalAlign, GoalDistance, PathAlign, PathDistance};
+pub use preference::{Oscillation, PreferForward, Twirling};
+pub use progress::Progress;
+use std::fmt::Debug;
+
+/// What critics know besides the trajectories.
+#[derive(Debug, Clone, Copy)]
+pub struct Scene<'a> {
+    /// What the planner was asked.
+    pub request: &'a LocalPlanRequest<'a>,
+    /// Where on the path the vehicle is.
+    pub drive: &'a Drive,
+    /// The path by arc length.
+    pub course: &'a Course,
+    /// How far it is to the target, from anywhere near.
+    pub field: &'a NavigationField,
+    /// The next key node, or the goal, in the map.
+    pub key_node: Vector2<f64>,
+    /// Where the way is to lead within the planner's sight, in the map.
+    pub target: Vector2<f64>,
+    /// What was aimed at in the last cycle.
+    pub last: Twist2,
+}
+
+/// A view by which trajectories are judged: the lower the cost, the better.
+pub trait TrajectoryCost: Debug + Send + Sync {
+    /// Its name, for those who log.
+    fn name(&self) -> &'static str;
+
+    /// Adds to the cost of each trajectory, in the order of the batch. Those that are infinite are ruled out already, and may be left as
+    /// they are; infinity rules out.
+    fn add_costs(&mut self, batch: &Trajectories, scene: &Scene<'_>, costs: &mut [f32]);
+}
+
+/// A critic, and what its word counts.
+#[derive(Debug)]
+pub struct Critic {
+    cost: Box<dyn TrajectoryCost>,
+    weight: f32,
+    normalized: bool,
+}
+
+impl Critic {
+    /// Costs times `weight`, as they are.
+    pub fn new(weight: f64, cost: impl TrajectoryCost + 'static) -> Self {
+        Self { cost: Box::new(cost), weight: weight as f32, normalized: false }
+    }
+
+    /// Costs brought to the range from 0 to 1 over the batch, times `weight`.
+    pub fn normalized(weight: f64, cost: impl TrajectoryCost + 'static) -> Self {
+        Self { normalized: true, ..Self::new(weight, cost) }
+    }
+
+    /// What its word counts.
+    pub fn weight(&self) -> f64 {
+        f64::from(self.weight)
+    }
+
+    /// Its name.
+    pub fn name(&self) -> &'static str {
+        self.cost.name()
+    }
+}
+
+/// Sums up what all critics say; `scratch` is working memory.
+pub(crate) fn score(
+    critics: &mut [Critic],
+    batch: &Trajectories,
+    scene: &Scene<'_>,
+    totals: &mut Vec<f32>,
+    scratch: &mut Vec<f32>,
+) {
+    totals.clear();
+    totals.resize(batch.len(), 0.0);
+    for critic in critics {
+        scratch.clear();
+        scratch.extend(totals.iter().map(|total| if total.is_finite() { 0.0 } else { f32::INFINITY }));
+        critic.cost.add_costs(batch, scene, scratch);
+        let (mut offset, mut scale) = (0.0, critic.weight);
+        if critic.normalized {
+            let finite = || scratch.iter().copied().filter(|cost| cost.is_finite());
+            let (least, greatest) =
+                (finite().fold(f32::INFINITY, f32::min), finite().fold(f32::NEG_INFINITY, f32::max));
+            // All alike: nothing to say.
+            scale = if greatest > least { critic.weight / (greatest - least) } else { 0.0 };
+            offset = if least.is_finite() { least } else { 0.0 };
+        }
+        for (total, &cost) in totals.iter_mut().zip(scratch.iter()) {
+            *total += if cost.is_finite() { scale * (cost - offset) } else { f32::INFINITY };
+        }
+    }
+}
+
+/// Index of the last step that a trajectory has free, none if not even the first.
+fn last_free(batch: &Trajectories, i: usize) -> Option<usize> {
+    (*batch.free().get(i)? as usize).checked_sub(1)
+}

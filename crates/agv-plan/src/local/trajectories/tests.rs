@@ -1,0 +1,102 @@
+use super::*;
+use agv_core::{
+    grid::{CellState, Costmap, Grid, GridLayout, LocalMapParams},
+    roles::laws,
+};
+use proptest::prelude::*;
+
+fn map_with(walls: &[(i32, i32)], yaw: f64) -> LocalMap {
+    let layout = GridLayout::new(160, 160, 0.05, Se2::new(-4.0, -4.0, yaw)).unwrap();
+    let mut map = Grid::filled(layout, CellState::Free);
+    for &(x, y) in walls {
+        map.set(Cell::new(x, y), CellState::Occupied);
+    }
+    LocalMap::new(&Costmap::from_map(&map), LocalMapParams::default()).unwrap()
+}
+
+proptest! {
+    /// Without ramps a trajectory is the exact arc of its twist; the state is at the target from the beginning.
+    #[test]
+    fn constant_twists_are_exact_arcs(vx in -0.3..1.0_f64, vy in -0.4..0.4_f64, yaw_rate in -1.0..1.0_f64, yaw in -3.0..3.0_f64) {
+        let mut limits = laws::vehicles()[3].1;
+        limits.lateral_acceleration = None;
+        let map = map_with(&[], 0.3);
+        let twist = Twist2::new(vx, vy, yaw_rate);
+        let state = VehicleState::new(Se2::new(0.2, -0.1, yaw), twist);
+        let mut batch = Trajectories::default();
+        batch.begin(&state, &map, 30, 0.1);
+        batch.push([vx as f32, vy as f32, yaw_rate as f32]);
+        batch.roll_out(&state, &limits, &map, &Footprint::circle(0.2).unwrap());
+        for step in [0, 9, 29] {
+            let view = batch.at_step(step);
+            let pose = state.map_from_base.compose(&twist.integrate(0.1 * (step + 1) as f64));
+            let found = batch.map_from_local().act(&Vector2::new(f64::from(view.x[0]), f64::from(view.y[0])));
+            prop_assert!((found - pose.translation()).norm() < 2e-5, "{found} {pose:?}");
+            let nose = batch.map_from_local().rotation().act(&Vector2::new(f64::from(view.cos[0]), f64::from(view.sin[0])));
+            prop_assert!((nose - Vector2::new(pose.yaw().cos(), pose.yaw().sin())).norm() < 2e-5);
+        }
+    }
+
+    /// From rest a vehicle speeds up as its limits say, and the batch keeps to it.
+    #[test]
+    fn ramps_are_those_of_the_limits(vx in 0.1..1.0_f64, yaw_rate in -1.0..1.0_f64) {
+        let limits = MotionLimits::default();
+        let map = map_with(&[], 0.0);
+        let mut state = VehicleState::new(Se2::default(), Twist2::ZERO);
+        let mut batch = Trajectories::default();
+        batch.begin(&state, &map, 20, 0.1);
+        batch.push([vx as f32, 0.0, yaw_rate as f32]);
+        batch.roll_out(&state, &limits, &map, &Footprint::circle(0.2).unwrap());
+        for step in 0..20 {
+            let now = state.twist;
+            let to = |now: f64, target: f64, change: f64| target.clamp(now - change, now + change);
+            let twist = Twist2::new(to(now.vx, vx, 0.05), 0.0, to(now.yaw_rate, yaw_rate, 0.1));
+            assert!(limits.allows_step(&now.into(), &twist.into(), 0.1));
+            state = state.after(&twist.into(), 0.1);
+            let view = batch.at_step(step);
+            let found = Vector2::new(f64::from(view.x[0]), f64::from(view.y[0]));
+            prop_assert!((found - state.map_from_base.translation()).norm() < 2e-5);
+        }
+    }
+
+    /// What a trajectory has free is what the exact check of its states has, but for the cells that look-ups are rough by.
+    #[test]
+    fn free_steps_are_about_those_of_the_exact_check(post in (85..150_i32, 60..100_i32), yaw_rate in -1.0..1.0_f64) {
+        let limits = MotionLimits::default();
+        let map = map_with(&[post], 0.0);
+        let footprint = Footprint::rectangle(-0.2, 0.3, 0.4).unwrap();
+        let twist = Twist2::new(1.0, 0.0, yaw_rate);
+        let state = VehicleState::new(Se2::default(), twist);
+        let mut batch = Trajectories::default();
+        batch.begin(&state, &map, 40, 0.05);
+        batch.push([1.0, 0.0, yaw_rate as f32]);
+        batch.roll_out(&state, &limits, &map, &footprint);
+        let pose = |step: usize| state.map_from_base.compose(&twist.integrate(0.05 * (step + 1) as f64));
+        for step in 0..batch.free()[0] as usize {
+            // A smaller vehicle touches nothing.
+            let smaller = Footprint::rectangle(-0.125, 0.225, 0.25).unwrap();
+            prop_assert!(!map.collides(&smaller, &pose(step)).unwrap());
+        }
+        if (batch.free()[0] as usize) < 40 && batch.free()[0] > 0 {
+            let larger = Footprint::rectangle(-0.45, 0.55, 0.6).unwrap();
+            prop_assert!(map.collides(&larger, &pose(batch.free()[0] as usize)).unwrap());
+        }
+    }
+}
+
+#[test]
+fn obstacles_are_met_at_their_time() {
+    let (map, limits) = (map_with(&[], 0.0), MotionLimits::default());
+    let state = VehicleState::new(Se2::default(), Twist2::new(1.0, 0.0, 0.0));
+    let footprint = Footprint::circle(0.2).unwrap();
+    let crossing = MovingObstacle::new(Vector2::new(1.0, -1.0), Vector2::new(0.0, 1.0), 0.2).unwrap();
+    let gone = MovingObstacle { velocity: Vector2::new(0.0, 3.0), ..crossing };
+    for (obstacle, free) in [(crossing, false), (gone, true)] {
+        let mut batch = Trajectories::default();
+        batch.begin(&state, &map, 20, 0.1);
+        batch.push([1.0, 0.0, 0.0]);
+        batch.roll_out(&state, &limits, &map, &footprint);
+        batch.meet(&[obstacle]);
+        assert_eq!(batch.free()[0] == 20, free, "{obstacle:?}");
+    }
+}

@@ -1,0 +1,204 @@
+//! One run: world, vehicle, scanner and odometry around a navigation.
+
+use crate::{Args, Result, contact::Way, planners, sight::Sight, worlds::Trial};
+use agv_nav::{
+    core::{metrics::Statistics, obstacle::MovingObstacle},
+    pipeline::{NavigationRequest, NavigationStatus},
+    prelude::{LieGroup, Motion, MotionLimits, Se2, Seed, VehicleState},
+};
+use agv_sim::{Drive, Laser, LaserParams, OdometryErrors, PlanarWorld, Simulator2d, Vehicle, VehicleParams};
+use agv_support::{progress::Progress, timing::Timings};
+use rand_distr::{Distribution as _, Normal};
+use std::sync::Mutex;
+
+/// Time of a planning cycle and of a scan, in seconds.
+const CYCLE: f64 = 0.05;
+/// Steps of the simulation in a cycle: the vehicle's ramps are smooth.
+const STEPS: u64 = 5;
+/// When a run ends at the latest, in seconds.
+const TIMEOUT: f64 = 100.0;
+/// Distance from the goal at which it succeeds, in metres.
+const REACHED: f64 = 1.0;
+/// Relative error of the odometry.
+const ODOMETRY: f64 = 0.01;
+
+/// How a run ended.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) enum End {
+    Success,
+    Collision,
+    Timeout,
+    GaveUp,
+}
+
+/// What became of a run.
+pub(crate) struct Run {
+    pub(crate) end: End,
+    /// Why the vehicle stood at the end, or the last status.
+    pub(crate) status: NavigationStatus,
+    /// Duration, in seconds.
+    pub(crate) time: f64,
+    /// Length of the way, in metres.
+    pub(crate) length: f64,
+    pub(crate) score: f64,
+    /// Least clearance, in metres, at most one.
+    pub(crate) clearance: f64,
+    /// Mean magnitude of the acceleration along the way, in metres per second squared.
+    pub(crate) smoothness: f64,
+    /// Times of costmap, global and local planning together.
+    pub(crate) cycles: Timings,
+    /// Of the costmap alone.
+    pub(crate) sight: Timings,
+    /// True poses, once a cycle.
+    pub(crate) track: Vec<Se2>,
+    /// Paths: the first, and each that was taken later.
+    pub(crate) paths: Vec<Vec<agv_nav::nalgebra::Vector2<f64>>>,
+    /// Moving obstacles at the end.
+    pub(crate) obstacles: Vec<MovingObstacle>,
+    pub(crate) recoveries: usize,
+}
+
+/// All runs, in the order of the trials; several at once where threads are given.
+pub(crate) fn all(trials: &[Trial], args: &Args) -> Result<Vec<Run>> {
+    let progress = Progress::new(trials.len(), "driving");
+    let next = Mutex::new(0..trials.len());
+    let done: Mutex<Vec<Option<Result<Run>>>> = Mutex::new(trials.iter().map(|_| None).collect());
+    let work = || {
+        let take = || next.lock().ok().and_then(|mut next| next.next());
+        while let Some(index) = take() {
+            let seed = args.common.seed().derive(trials[index].number);
+            let run = one(&trials[index], args, seed);
+            if let Ok(mut done) = done.lock() {
+                done[index] = Some(run);
+            }
+            progress.step();
+        }
+    };
+    std::thread::scope(|scope| {
+        for _ in 1..args.common.threads {
+            scope.spawn(work);
+        }
+        work();
+    });
+    let done = done.into_inner().map_err(|_| "a run panicked")?;
+    done.into_iter().map(|run| run.unwrap_or_else(|| Err("a run is missing".into()))).collect()
+}
+
+fn vehicle(v_max: f64, start: Se2, seed: Seed) -> Result<Vehicle> {
+    let mut stream = seed.derive(1).stream(0, 0);
+    let scale = Normal::new(0.0, ODOMETRY)?;
+    // Each step's own error averages out over the steps of a cycle: larger by the root of their number.
+    let alpha = ODOMETRY * ODOMETRY * STEPS as f64;
+    let odometry = OdometryErrors {
+        alphas: [alpha, 0.0, alpha, 0.0],
+        distance_scale: scale.sample(&mut stream),
+        yaw_scale: scale.sample(&mut stream),
+        ..OdometryErrors::NONE
+    };
+    let ideal = VehicleParams::new(Drive::default()).ideal();
+    let params = VehicleParams { limits: planners::limits(v_max), odometry, ..ideal };
+    Ok(Vehicle::new(params, start, seed.derive(2))?)
+}
+
+fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
+    let (planner, v_max, frozen) = (args.planner, args.v_max, args.frozen);
+    let world: &dyn PlanarWorld = &*trial.world;
+    let (body, footprint) = (planners::body()?, planners::footprint()?);
+    let limits: MotionLimits = planners::limits(v_max).into();
+    let mut laser = LaserParams { dropout: 0.0, ..LaserParams::default() }.with_beams(720, 270_f64.to_radians());
+    laser.geometry.range_max = 10.0;
+    let mut simulator =
+        Simulator2d::new(world, vehicle(v_max, trial.start, seed)?, body.clone(), CYCLE / STEPS as f64)?
+            .with_laser(Laser::new(laser, seed.derive(3))?, STEPS)?
+            .with_moving(trial.moving.clone());
+    let mut sight = Sight::new(&footprint, trial.window, frozen)?;
+    let mut navigation = planners::navigation(planner)?;
+    navigation.go_to(&trial.goal)?;
+
+    let mut run = Run {
+        end: End::Timeout,
+        status: NavigationStatus::Idle,
+        time: 0.0,
+        length: 0.0,
+        score: 0.0,
+        clearance: 1.0,
+        smoothness: 0.0,
+        cycles: Timings::default(),
+        sight: Timings::default(),
+        track: vec![trial.start],
+        paths: Vec::new(),
+        obstacles: Vec::new(),
+        recoveries: 0,
+    };
+    let (mut believed, mut motion, mut states) = (trial.start, Motion::REST, Vec::new());
+    let (mut changes, mut was_recovering) = (Vec::new(), false);
+    let mut scan = simulator.look()?.scan().cloned().ok_or("the laser is silent")?;
+    let cycles = (TIMEOUT / CYCLE) as u64;
+    'driving: for cycle in 0..cycles {
+        let command = run.cycles.time(|| {
+            run.sight.time(|| sight.look(&scan, &believed))?;
+            navigation
+                .cycle(NavigationRequest {
+                    // The vehicle ramps where planners take commands as steps: half a cycle ahead both come to the same.
+                    state: VehicleState::new(believed * motion.twist.integrate(0.5 * CYCLE), motion.twist),
+                    map: sight.map(),
+                    obstacles: sight.obstacles(),
+                    limits: &limits,
+                    dt: CYCLE,
+                })
+                .map_err(Box::<dyn std::error::Error + Send + Sync>::from)
+        })?;
+        if command.forget_map {
+            sight.forget()?;
+        }
+        let is_recovering = matches!(command.status, NavigationStatus::Recovering(_));
+        run.recoveries += usize::from(is_recovering && !was_recovering);
+        was_recovering = is_recovering;
+        run.status = command.status;
+        if command.planned {
+            let path: Vec<_> = navigation.path().points().iter().map(|point| point.pose.translation()).collect();
+            if run.paths.last() != Some(&path) {
+                run.paths.push(path);
+            }
+        }
+        if let NavigationStatus::GaveUp(_) = command.status {
+            run.end = End::GaveUp;
+            break;
+        }
+        changes.push((command.motion.twist.vx - motion.twist.vx).abs() / CYCLE);
+        motion = command.motion;
+        for step in 0..STEPS {
+            let start = simulator.vehicle().map_from_base();
+            let time = (cycle * STEPS + step) as f64 * simulator.dt();
+            let seen = simulator.step(&motion.twist)?;
+            believed = believed.compose(&seen.odometry.start_from_end);
+            if let Some(new) = seen.scan() {
+                scan.clone_from(new);
+            }
+            let (twist, end) = (seen.truth.twist, seen.truth.map_from_base);
+            let way = Way { world, moving: &trial.moving, body: &body, start, twist, time };
+            let (touches, clearance) = way.touches(simulator.dt(), &mut states);
+            run.clearance = run.clearance.min(clearance);
+            run.time = time + simulator.dt();
+            run.length += (end.translation() - start.translation()).norm();
+            if touches {
+                run.end = End::Collision;
+                run.clearance = 0.0;
+                run.track.push(end);
+                break 'driving;
+            }
+            if (end.translation() - trial.goal.translation()).norm() <= REACHED {
+                run.end = End::Success;
+                run.track.push(end);
+                break 'driving;
+            }
+        }
+        run.track.push(simulator.vehicle().map_from_base());
+    }
+    run.smoothness = Statistics::new(changes).map_or(0.0, |s| s.mean());
+    run.obstacles = simulator.obstacles().to_vec();
+    if run.end == End::Success {
+        run.score = trial.optimal_time / run.time.clamp(2.0 * trial.optimal_time, 8.0 * trial.optimal_time);
+    }
+    Ok(run)
+}

@@ -1,0 +1,77 @@
+//! What the vehicle sees: a costmap that rolls along, and the obstacles that move in it.
+
+use crate::Result;
+use agv_nav::{
+    core::{
+        grid::{CollisionParams, Footprint, InflationParams, LocalMapParams, RollingCostmap, RollingParams},
+        obstacle::MovingObstacle,
+    },
+    filters::tracking::{ObstacleTracker, TrackerParams},
+    nalgebra::Vector2,
+    prelude::{LaserScan, LocalMap, Se2},
+};
+
+/// Edge of a cell, in metres.
+const RESOLUTION: f64 = 0.05;
+
+pub(crate) struct Sight {
+    rolling: RollingCostmap,
+    local: LocalMap,
+    tracker: ObstacleTracker,
+    /// Whether obstacles that move are taken to stand where they are: a planner without a sense of time.
+    frozen: bool,
+    obstacles: Vec<MovingObstacle>,
+}
+
+impl Sight {
+    /// A view of a square window of so many metres.
+    pub(crate) fn new(footprint: &Footprint, window: f64, frozen: bool) -> Result<Self> {
+        let cells = (window / RESOLUTION).ceil() as usize;
+        let inflation = InflationParams {
+            inflation_radius: footprint.circumscribed_radius() + 0.4,
+            cost_scaling_factor: 4.0,
+            ..InflationParams::for_footprint(footprint)
+        };
+        let params = RollingParams {
+            width: cells,
+            height: cells,
+            resolution: RESOLUTION,
+            forget_after: None,
+            inflation: Some(inflation),
+            ..RollingParams::default()
+        };
+        let rolling = RollingCostmap::new(params)?.with_footprint(footprint.clone());
+        // The scanner leaves a quarter behind the vehicle in the dark; what it has not seen must not pin it down.
+        let collision = CollisionParams { unknown_is_obstacle: false, outside_is_obstacle: false };
+        let local = LocalMap::new(rolling.costmap(), LocalMapParams { collision, max_distance: 3.0 })?;
+        let tracker = ObstacleTracker::new(TrackerParams::default())?;
+        Ok(Self { rolling, local, tracker, frozen, obstacles: Vec::new() })
+    }
+
+    /// Takes a scan from where the vehicle believes to be.
+    pub(crate) fn look(&mut self, scan: &LaserScan, map_from_base: &Se2) -> Result<()> {
+        self.obstacles.clear();
+        self.obstacles.extend_from_slice(self.tracker.update(scan, map_from_base)?);
+        if self.frozen {
+            self.obstacles.iter_mut().for_each(|obstacle| obstacle.velocity = Vector2::zeros());
+        }
+        let tracker = &self.tracker;
+        self.rolling.update_where([scan], map_from_base, |_, beam| !tracker.is_moving_beam(beam))?;
+        self.local.update(self.rolling.costmap())?;
+        Ok(())
+    }
+
+    /// Forgets all that was seen.
+    pub(crate) fn forget(&mut self) -> Result<()> {
+        self.rolling.reset()?;
+        Ok(())
+    }
+
+    pub(crate) const fn map(&self) -> &LocalMap {
+        &self.local
+    }
+
+    pub(crate) fn obstacles(&self) -> &[MovingObstacle] {
+        &self.obstacles
+    }
+}

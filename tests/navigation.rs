@@ -1,0 +1,178 @@
+//! Navigation among obstacles that are seen on the way: an ideal vehicle in a map that is uncovered as it comes near.
+
+use agv_nav::{
+    control::track::{FollowerParams, PurePursuit, PurePursuitParams},
+    core::{
+        geometry::Twist2,
+        grid::{CollisionParams, Footprint, Inflation, InflationParams, LocalMapParams},
+        roles::NoPathReason,
+    },
+    pipeline::{GiveUpReason, Navigation, NavigationParams, NavigationRequest, NavigationStatus},
+    plan::{
+        grid::{AStar, AStarParams, GridParams, UnknownCells},
+        local::{Tracked, TrackedParams},
+        smooth::{KeyNodes, LineOfSightParams, Straightened},
+    },
+    prelude::*,
+};
+
+const DT: f64 = 0.1;
+/// How far the vehicle sees, in metres.
+const SIGHT: f64 = 2.5;
+
+fn footprint() -> Footprint {
+    Footprint::rectangle(-0.25, 0.25, 0.4).unwrap()
+}
+
+fn navigation(params: NavigationParams) -> Navigation {
+    let grid = GridParams { cost_weight: 4.0, unknown: UnknownCells::AtCost(0), ..GridParams::default() };
+    let astar = AStar::new(AStarParams { grid, start_tolerance: 0.5, ..AStarParams::default() }).unwrap();
+    let key_nodes =
+        KeyNodes::new(LineOfSightParams { max_cost: 60, cross_unknown: true, ..Default::default() }).unwrap();
+    let follower = FollowerParams { response_time: 0.0, max_yaw_slip: 0.0, ..FollowerParams::default() };
+    let tracker = PurePursuit::new(PurePursuitParams { look_ahead_min: 0.3, follower, ..Default::default() }).unwrap();
+    let local = Tracked::new(tracker, footprint(), TrackedParams::default()).unwrap();
+    Navigation::new(Box::new(Straightened::new(astar, key_nodes)), Box::new(local), footprint(), params).unwrap()
+}
+
+/// A world of 8 m by 6 m, of which cells are known that the vehicle came near to.
+struct World {
+    truth: Grid<CellState>,
+    seen: Grid<CellState>,
+    inflation: Inflation,
+    local: LocalMap,
+}
+
+impl World {
+    fn new(is_solid: impl Fn(f64, f64) -> bool) -> Self {
+        let layout = GridLayout::new(160, 120, 0.05, Se2::default()).unwrap();
+        let state = |i| {
+            let centre = layout.center(layout.cell(i));
+            if is_solid(centre.x, centre.y) { CellState::Occupied } else { CellState::Free }
+        };
+        let truth = Grid::new(layout, (0..layout.len()).map(state).collect()).unwrap();
+        let seen = Grid::filled(layout, CellState::Unknown);
+        let params = InflationParams { cost_scaling_factor: 4.0, ..InflationParams::for_footprint(&footprint()) };
+        let mut inflation = Inflation::new(params).unwrap();
+        let collision = CollisionParams { unknown_is_obstacle: false, outside_is_obstacle: true };
+        let params = LocalMapParams { collision, ..LocalMapParams::default() };
+        let local = LocalMap::new(&inflation.inflate(&seen).unwrap(), params).unwrap();
+        Self { truth, seen, inflation, local }
+    }
+
+    fn look(&mut self, here: &Se2) {
+        for i in 0..self.truth.layout().len() {
+            let cell = self.truth.layout().cell(i);
+            if (self.truth.layout().center(cell) - here.translation()).norm() < SIGHT {
+                self.seen.set(cell, self.truth.values()[i]);
+            }
+        }
+        self.local.update(&self.inflation.inflate(&self.seen).unwrap()).unwrap();
+    }
+
+    fn touches(&self, here: &Se2) -> bool {
+        let solid = LocalMap::new(&Costmap::from_map(&self.truth), LocalMapParams::default()).unwrap();
+        solid.collides(&footprint(), here).unwrap()
+    }
+}
+
+/// Drives until the navigation ends; every command keeps the limits, and no pose touches anything.
+fn drive(world: &mut World, navigation: &mut Navigation, start: Se2, cycles: usize) -> (NavigationStatus, Se2) {
+    let limits: MotionLimits = TwistLimits::default().into();
+    let mut state = VehicleState::new(start, Twist2::ZERO);
+    let mut status = NavigationStatus::Idle;
+    for cycle in 0..cycles {
+        world.look(&state.map_from_base);
+        let request = NavigationRequest { state, map: &world.local, obstacles: &[], limits: &limits, dt: DT };
+        let command = navigation.cycle(request).unwrap();
+        assert!(limits.allows_step(&state.motion(), &command.motion, DT), "{cycle}: {command:?}");
+        state = state.after(&command.motion, DT);
+        assert!(cycle % 10 != 0 || !world.touches(&state.map_from_base), "{cycle}: {state:?}");
+        status = command.status;
+        if matches!(status, NavigationStatus::Arrived | NavigationStatus::GaveUp(_)) {
+            break;
+        }
+    }
+    (status, state.map_from_base)
+}
+
+#[test]
+fn arrives_around_a_wall_that_was_not_known() {
+    // The wall bars the straight way; its open end shows only from near.
+    let mut world = World::new(|x, y| (3.9..4.1).contains(&x) && y < 4.2);
+    let mut navigation = navigation(NavigationParams::default());
+    let goal = Se2::new(7.0, 2.0, 0.0);
+    navigation.go_to(&goal).unwrap();
+    let (status, end) = drive(&mut world, &mut navigation, Se2::new(1.0, 2.0, 0.0), 1200);
+    assert_eq!(status, NavigationStatus::Arrived);
+    assert!((end.translation() - goal.translation()).norm() < 0.25, "{end:?}");
+}
+
+#[test]
+fn gives_up_where_there_is_no_way_and_says_so() {
+    let mut world = World::new(|x, _| (3.9..4.1).contains(&x));
+    let mut navigation = navigation(NavigationParams { recoveries: 3, ..NavigationParams::default() });
+    navigation.go_to(&Se2::new(7.0, 2.0, 0.0)).unwrap();
+    let (status, end) = drive(&mut world, &mut navigation, Se2::new(1.0, 2.0, 0.0), 3000);
+    assert_eq!(status, NavigationStatus::GaveUp(GiveUpReason::NoPath(NoPathReason::Disconnected)));
+    assert!(end.x() < 3.7, "{end:?}");
+    // Another goal is another matter.
+    navigation.go_to(&Se2::new(2.0, 3.5, 0.0)).unwrap();
+    let (status, _) = drive(&mut world, &mut navigation, end, 1200);
+    assert_eq!(status, NavigationStatus::Arrived);
+}
+
+#[test]
+fn without_a_goal_it_brakes() {
+    let mut world = World::new(|_, _| false);
+    world.look(&Se2::new(2.0, 2.0, 0.0));
+    let limits: MotionLimits = TwistLimits::default().into();
+    let mut navigation = navigation(NavigationParams::default());
+    let mut state = VehicleState::new(Se2::new(2.0, 2.0, 0.0), Twist2::new(0.5, 0.0, 0.2));
+    for _ in 0..20 {
+        let request = NavigationRequest { state, map: &world.local, obstacles: &[], limits: &limits, dt: DT };
+        let command = navigation.cycle(request).unwrap();
+        assert_eq!(command.status, NavigationStatus::Idle);
+        state = state.after(&command.motion, DT);
+    }
+    assert_eq!(state.twist, Twist2::ZERO);
+}
+
+#[test]
+fn bad_input_is_refused() {
+    let world = World::new(|_, _| false);
+    let limits: MotionLimits = TwistLimits::default().into();
+    let mut navigation = navigation(NavigationParams::default());
+    for bad in [f64::NAN, f64::INFINITY] {
+        assert!(navigation.go_to(&Se2::new(bad, 0.0, 0.0)).is_err());
+        assert!(navigation.goal().is_none());
+        let good = NavigationRequest {
+            state: VehicleState::new(Se2::new(2.0, 2.0, 0.0), Twist2::ZERO),
+            map: &world.local,
+            obstacles: &[],
+            limits: &limits,
+            dt: DT,
+        };
+        let nowhere = VehicleState::new(Se2::new(0.0, bad, 0.0), Twist2::ZERO);
+        assert!(navigation.cycle(NavigationRequest { state: nowhere, ..good }).is_err());
+        for dt in [bad, 0.0, -0.1] {
+            assert!(navigation.cycle(NavigationRequest { dt, ..good }).is_err());
+        }
+    }
+    let good = NavigationParams::default();
+    for params in [
+        NavigationParams { plan_period: 0.0, ..good },
+        NavigationParams { retry_period: f64::NAN, ..good },
+        NavigationParams { hysteresis: 1.5, ..good },
+        NavigationParams { cost_weight: -1.0, ..good },
+        NavigationParams { reach: 0.0, ..good },
+        NavigationParams { border: f64::NAN, ..good },
+        NavigationParams { goal_tolerance: 0.0, ..good },
+        NavigationParams { patience: -1.0, ..good },
+    ] {
+        let astar = AStar::new(AStarParams::default()).unwrap();
+        let tracker = PurePursuit::new(PurePursuitParams::default()).unwrap();
+        let local = Tracked::new(tracker, footprint(), TrackedParams::default()).unwrap();
+        assert!(Navigation::new(Box::new(astar), Box::new(local), footprint(), params).is_err(), "{params:?}");
+    }
+}
