@@ -13,11 +13,8 @@
 //! | UTIAS landmark sightings (MRCLAM) | [`mrclam`] |
 //! | trajectories: TUM, KITTI | [`trajectory`] |
 //! | Kümmerle's relations | [`relations`] |
-<<<<<<< HEAD
 //! | pose graphs of g2o | [`g2o`] |
-=======
 //! | worlds for local planners: BARN, `DynaBARN`, MRPB | [`localplan`] |
->>>>>>> main
 //! | clouds: PLY, PCD, KITTI and raw binary | [`cloud`] |
 //!
 //! [`cli`], [`progress`] and [`timing`] are what an example shows on the terminal, [`plot`] draws its pictures.
