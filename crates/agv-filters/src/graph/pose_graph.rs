@@ -115,7 +115,8 @@ impl<G: LieGroup> PoseGraph<G> {
         }
         let len = self.poses.len();
         let max = u32::MAX as usize;
-        let id = u32::try_from(len).ok().filter(|id| *id < u32::MAX).ok_or(Error::TooMany { name: "poses", len, max })?;
+        let id =
+            u32::try_from(len).ok().filter(|id| *id < u32::MAX).ok_or(Error::TooMany { name: "poses", len, max })?;
         self.poses.push(guess);
         self.held.push(false);
         Ok(PoseId(id))

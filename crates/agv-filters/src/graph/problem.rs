@@ -116,7 +116,8 @@ mod tests {
 
     /// A relation each way between free poses, one to a held pose, and a prior.
     fn measurements<G: LieGroup>(kernel: RobustKernel) -> (Vec<Relation<G>>, Vec<Prior<G>>) {
-        let relation = |from, to, k| Relation::new(PoseId(from), PoseId(to), motion(k), information::<G>(k)).with_kernel(kernel);
+        let relation =
+            |from, to, k| Relation::new(PoseId(from), PoseId(to), motion(k), information::<G>(k)).with_kernel(kernel);
         let prior = Prior { kernel, ..Prior::new(PoseId(2), motion(9), information::<G>(9)) };
         (vec![relation(2, 1, 3), relation(0, 1, 4), relation(1, 2, 5), relation(2, 0, 6)], vec![prior])
     }

@@ -67,9 +67,10 @@ impl<G: LieGroup> PoseGraphSolver<G> {
 
     fn descend(&mut self, graph: &mut PoseGraph<G>) -> Result<LeastSquaresReport, Error> {
         let free = graph.blocks_into(&mut self.blocks);
-        let pairs = graph.relations().iter().filter_map(|relation| {
-            self.blocks[relation.from.index()].zip(self.blocks[relation.to.index()])
-        });
+        let pairs = graph
+            .relations()
+            .iter()
+            .filter_map(|relation| self.blocks[relation.from.index()].zip(self.blocks[relation.to.index()]));
         self.workspace.system.reset(G::DOF, free, pairs)?;
         let mut poses = graph.poses().to_vec();
         let mut problem = GraphProblem { relations: graph.relations(), priors: graph.priors(), blocks: &self.blocks };

@@ -19,7 +19,10 @@ impl Limits<'_> {
 
     /// The same callback, and any number of expansions.
     pub fn without_budget(&mut self) -> Limits<'_> {
-        Limits { budget: u64::MAX, cancel: self.cancel.as_mut().map(|cancel| &mut **cancel as &mut dyn FnMut() -> bool) }
+        Limits {
+            budget: u64::MAX,
+            cancel: self.cancel.as_mut().map(|cancel| &mut **cancel as &mut dyn FnMut() -> bool),
+        }
     }
 
     /// Expansions after which the limits are to be looked at again.
