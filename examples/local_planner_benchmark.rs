@@ -9,13 +9,15 @@
 //! ```
 //!
 //! A differential vehicle of 0.508 m by 0.43 m drives from start to goal. It knows what its scanner shows (270°, 720 beams, 20 Hz,
-//! 10 m, 1 cm of noise) and what its odometry says (1 % of error), and nothing else: a rolling costmap and tracked obstacles,
+//! 10 m, 1 cm of noise) and what its odometry says (scale errors of distances and of turns, normal with 1 % standard deviation,
+//! drawn once a run, and 1 % of noise in each cycle), and nothing else: a rolling costmap and tracked obstacles,
 //! `agv_nav::pipeline::Navigation` with A* and the chosen local planner. A run succeeds within a metre of the goal; it fails at the
-//! first contact, judged by the exact outline along the motion, or after 100 s. The score is BARN's: the least time over the
-//! time that it took, held between two and eight times the least, so at most a half.
+//! first contact, judged by the exact outline along the motion, after 100 s, or where the vehicle gives up or stands where it
+//! wrongly believes the goal to be (`gave_up` and `missed`, both of them also in `timeout`). The score is BARN's: the least time
+//! over the time that it took, held between two and eight times the least, so at most a half.
 //!
-//! You will see a table and a picture of each failure in `target/agv/local_planner_benchmark/`. Without worlds, eight of BARN's
-//! kind are generated; that takes some seconds.
+//! You will see a table, and pictures of the first run and of each failure in `target/agv/local_planner_benchmark/`. Without
+//! worlds, eight of BARN's kind are generated; that takes some seconds.
 
 #[path = "local_planner_benchmark/contact.rs"]
 mod contact;
@@ -55,7 +57,7 @@ struct Args {
     /// Take obstacles that move to stand where they are seen: planning without a sense of time, for comparison
     #[arg(long)]
     frozen: bool,
-    /// Pictures of all runs, not of failures only
+    /// Pictures of all runs, not of the first and of failures only
     #[arg(long)]
     all_pictures: bool,
     #[command(flatten)]

@@ -5,7 +5,7 @@ use agv_nav::{
     core::{
         geometry::Twist2,
         grid::{CollisionParams, Footprint, Inflation, InflationParams, LocalMapParams},
-        roles::NoPathReason,
+        roles::{BlockReason, LocalCommand, LocalPlanError, LocalPlanStatus, NoPathReason, PlanError},
     },
     pipeline::{GiveUpReason, Navigation, NavigationParams, NavigationRequest, NavigationStatus},
     plan::{
@@ -78,11 +78,23 @@ impl World {
 
 /// Drives until the navigation ends; every command keeps the limits, and no pose touches anything.
 fn drive(world: &mut World, navigation: &mut Navigation, start: Se2, cycles: usize) -> (NavigationStatus, Se2) {
+    drive_with(world, navigation, start, cycles, Twist2::ZERO)
+}
+
+/// The same, with a twist that is measured with an error.
+fn drive_with(
+    world: &mut World,
+    navigation: &mut Navigation,
+    start: Se2,
+    cycles: usize,
+    error: Twist2,
+) -> (NavigationStatus, Se2) {
     let limits: MotionLimits = TwistLimits::default().into();
     let mut state = VehicleState::new(start, Twist2::ZERO);
     let mut status = NavigationStatus::Idle;
     for cycle in 0..cycles {
         world.look(&state.map_from_base);
+        state.twist = Twist2::new(state.twist.vx + error.vx, 0.0, state.twist.yaw_rate + error.yaw_rate);
         let request = NavigationRequest { state, map: &world.local, obstacles: &[], limits: &limits, dt: DT };
         let command = navigation.cycle(request).unwrap();
         assert!(limits.allows_step(&state.motion(), &command.motion, DT), "{cycle}: {command:?}");
@@ -120,6 +132,51 @@ fn gives_up_where_there_is_no_way_and_says_so() {
     navigation.go_to(&Se2::new(2.0, 3.5, 0.0)).unwrap();
     let (status, _) = drive(&mut world, &mut navigation, end, 1200);
     assert_eq!(status, NavigationStatus::Arrived);
+}
+
+/// The straight way, whatever stands in it.
+struct Straight;
+
+impl GlobalPlanner for Straight {
+    fn plan_with_cancel(
+        &mut self,
+        _: &Costmap,
+        start: &Se2,
+        goal: &Se2,
+        path: &mut Path,
+        _: &mut dyn FnMut() -> bool,
+    ) -> Result<PlanOutcome, PlanError> {
+        path.set_positions([start.translation(), goal.translation()])?;
+        Ok(PlanOutcome::Found { cost: path.length(), expansions: 0 })
+    }
+}
+
+/// Drives ahead, and never beyond one `x`.
+struct BlockedAt(f64);
+
+impl LocalPlanner for BlockedAt {
+    fn command(&mut self, request: LocalPlanRequest<'_>) -> Result<LocalCommand, LocalPlanError> {
+        let is_blocked = request.state.map_from_base.x() >= self.0;
+        let wish = if is_blocked { Twist2::ZERO } else { Twist2::new(0.3, 0.0, 0.0) };
+        let motion = request.limits.step(&request.state.motion(), &wish.into(), request.dt)?;
+        let status =
+            if is_blocked { LocalPlanStatus::Blocked(BlockReason::Obstacle) } else { LocalPlanStatus::Following };
+        Ok(LocalCommand { motion, status })
+    }
+}
+
+#[test]
+fn backing_off_and_coming_again_is_no_progress() {
+    for error in [Twist2::ZERO, Twist2::new(1e-4, 0.0, 1e-4)] {
+        let mut world = World::new(|x, _| (4.4..4.6).contains(&x));
+        let local = Box::new(BlockedAt(4.0));
+        let mut navigation =
+            Navigation::new(Box::new(Straight), local, footprint(), NavigationParams::default()).unwrap();
+        navigation.go_to(&Se2::new(7.0, 2.0, 0.0)).unwrap();
+        let (status, end) = drive_with(&mut world, &mut navigation, Se2::new(1.0, 2.0, 0.0), 3000, error);
+        assert_eq!(status, NavigationStatus::GaveUp(GiveUpReason::Blocked(BlockReason::Obstacle)));
+        assert!((3.0..4.2).contains(&end.x()), "{end:?}");
+    }
 }
 
 #[test]

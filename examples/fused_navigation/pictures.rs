@@ -1,10 +1,9 @@
 //! Pictures as in Figs 18 to 23 of paper 000: the map, key nodes and track; speed, turn rate and heading over time.
 
 use crate::{Result, drive::Driven};
-use agv_nav::nalgebra::Vector2;
 use agv_sim::Shape;
-use agv_support::plot::{Color, Scene, TimeSeries};
-use std::{f64::consts::TAU, path::Path};
+use agv_support::plot::{Color, Scene, TimeSeries, circle};
+use std::path::Path;
 
 /// Draws a drive.
 pub(crate) fn draw(out: &Path, name: &str, drive: &Driven) -> Result<()> {
@@ -40,12 +39,4 @@ pub(crate) fn draw(out: &Path, name: &str, drive: &Driven) -> Result<()> {
         .curve("heading", Color::Green, curve(&|i| drive.track[i].1.yaw()))
         .write(out.join(format!("{name}_motion.png")))?;
     Ok(())
-}
-
-fn circle(center: &Vector2<f64>, radius: f64) -> impl Iterator<Item = Vector2<f64>> {
-    let center = *center;
-    (0..=24).map(move |k| {
-        let (sin, cos) = (f64::from(k) / 24.0 * TAU).sin_cos();
-        center + radius * Vector2::new(cos, sin)
-    })
 }

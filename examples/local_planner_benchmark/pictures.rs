@@ -2,21 +2,29 @@
 
 use crate::{
     Result,
-    run::{End, Run},
+    planners::SIZE,
+    run::{CYCLE, End, Run},
     worlds::Trial,
 };
 use agv_nav::{
     nalgebra::Vector2,
     prelude::{LieGroup as _, Se2},
 };
-use agv_support::plot::{Color, Scene, TimeSeries};
-use std::{f64::consts::TAU, fs, path::Path};
+use agv_sim::Clutter;
+use agv_support::plot::{Color, Scene, TimeSeries, circle};
+use std::{
+    fs,
+    io::ErrorKind,
+    path::{Path, PathBuf},
+};
 
-/// Draws each failure, or all runs; pictures of an earlier call go.
+/// Draws the first run and each failure, or all runs; pictures of these worlds from an earlier call go.
 pub(crate) fn draw(out: &Path, trials: &[Trial], runs: &[Run], all: bool) -> Result<()> {
-    for entry in fs::read_dir(out)?.flatten() {
-        if entry.path().extension().is_some_and(|extension| extension == "png") {
-            fs::remove_file(entry.path())?;
+    for file in trials.iter().flat_map(|trial| files(out, trial)) {
+        if let Err(error) = fs::remove_file(file)
+            && error.kind() != ErrorKind::NotFound
+        {
+            return Err(error.into());
         }
     }
     for (index, (trial, run)) in trials.iter().zip(runs).enumerate() {
@@ -28,7 +36,13 @@ pub(crate) fn draw(out: &Path, trials: &[Trial], runs: &[Run], all: bool) -> Res
     Ok(())
 }
 
+/// The scene of a run, and its motion over time.
+fn files(out: &Path, trial: &Trial) -> [PathBuf; 2] {
+    [out.join(format!("{}.png", trial.name)), out.join(format!("{}_speed.png", trial.name))]
+}
+
 fn draw_one(out: &Path, trial: &Trial, run: &Run) -> Result<()> {
+    let [picture, speeds] = files(out, trial);
     let title = format!("{}: {:?} after {:.1} s, {:?}", trial.name, run.end, run.time, run.status);
     let mut scene = Scene::new(title).width(900);
     if let Some(map) = &trial.map {
@@ -36,7 +50,7 @@ fn draw_one(out: &Path, trial: &Trial, run: &Run) -> Result<()> {
     }
     // A line of many pieces is one layer.
     for disc in &trial.discs {
-        scene = scene.line("", Color::Black, circle(disc, 0.075));
+        scene = scene.line("", Color::Black, circle(disc, Clutter::RADIUS));
     }
     for obstacle in &run.obstacles {
         scene = scene.line("", Color::Purple, circle(&obstacle.position, obstacle.radius));
@@ -55,27 +69,19 @@ fn draw_one(out: &Path, trial: &Trial, run: &Run) -> Result<()> {
         let color = if run.end == End::Success { Color::Green } else { Color::Red };
         scene = scene.line("vehicle", color, outline(end));
     }
-    scene.mark("goal", Color::Green, trial.goal.translation()).write(out.join(format!("{}.png", trial.name)))?;
+    scene.mark("goal", Color::Green, trial.goal.translation()).write(picture)?;
 
     let pairs = || run.track.windows(2).enumerate();
-    let motion = |(index, pair): (usize, &[Se2])| (index as f64 * 0.05, pair[0].between(&pair[1]));
+    let motion = |(index, pair): (usize, &[Se2])| (index as f64 * CYCLE, pair[0].between(&pair[1]));
     TimeSeries::new(&*trial.name, "time (s)", "m/s, rad/s")
-        .curve("speed", Color::Blue, pairs().map(motion).map(|(t, step)| (t, step.x() / 0.05)))
-        .curve("turn rate", Color::Orange, pairs().map(motion).map(|(t, step)| (t, step.yaw() / 0.05)))
-        .write(out.join(format!("{}_speed.png", trial.name)))?;
+        .curve("speed", Color::Blue, pairs().map(motion).map(|(t, step)| (t, step.x() / CYCLE)))
+        .curve("turn rate", Color::Orange, pairs().map(motion).map(|(t, step)| (t, step.yaw() / CYCLE)))
+        .write(speeds)?;
     Ok(())
-}
-
-fn circle(center: &Vector2<f64>, radius: f64) -> impl Iterator<Item = Vector2<f64>> {
-    let center = *center;
-    (0..=16).map(move |k| {
-        let (sin, cos) = (f64::from(k) / 16.0 * TAU).sin_cos();
-        center + radius * Vector2::new(cos, sin)
-    })
 }
 
 fn outline(pose: &Se2) -> impl Iterator<Item = Vector2<f64>> {
     let pose = *pose;
-    let corners = [(0.254, 0.215), (-0.254, 0.215), (-0.254, -0.215), (0.254, -0.215), (0.254, 0.215)];
-    corners.into_iter().map(move |(x, y)| pose * Vector2::new(x, y))
+    let corners = [(0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5), (0.5, -0.5), (0.5, 0.5)];
+    corners.into_iter().map(move |(x, y)| pose * Vector2::new(x * SIZE.0, y * SIZE.1))
 }

@@ -20,7 +20,7 @@ use agv_nav::{
 use agv_sim::Body;
 
 /// Length and width of the vehicle, in metres.
-const SIZE: (f64, f64) = (0.508, 0.43);
+pub(crate) const SIZE: (f64, f64) = (0.508, 0.43);
 
 /// What planners keep free around it, in metres: cells, noise, and that it moves on while it is told to brake.
 const PADDING: f64 = 0.02;

@@ -60,13 +60,14 @@ fn figures(report: &mut Report, runs: &[&Run]) {
     let mean =
         |of: &dyn Fn(&Run) -> f64| succeeded.iter().map(|run| of(run)).sum::<f64>() / succeeded.len().max(1) as f64;
     let score = runs.iter().map(|run| run.score).sum::<f64>() / runs.len().max(1) as f64;
-    // A vehicle that gave up did not arrive in time, either.
+    // A vehicle that gave up, or stands elsewhere, did not arrive in time, either.
     report
         .count("worlds", runs.len())
         .count("success", succeeded.len())
         .count("collision", count(End::Collision))
-        .count("timeout", count(End::Timeout) + count(End::GaveUp))
+        .count("timeout", count(End::Timeout) + count(End::GaveUp) + count(End::Missed))
         .count("gave_up", count(End::GaveUp))
+        .count("missed", count(End::Missed))
         .number("score_mean", score)
         .number("time_mean_s", mean(&|run| run.time))
         .number("length_mean_m", mean(&|run| run.length))

@@ -2,7 +2,7 @@
 
 use crate::{Args, Result, contact::Way, planners, sight::Sight, worlds::Trial};
 use agv_nav::{
-    core::{metrics::Statistics, obstacle::MovingObstacle},
+    core::{geometry::Twist2, metrics::Statistics, obstacle::MovingObstacle},
     pipeline::{NavigationRequest, NavigationStatus},
     prelude::{LieGroup, Motion, MotionLimits, Se2, Seed, VehicleState},
 };
@@ -12,7 +12,7 @@ use rand_distr::{Distribution as _, Normal};
 use std::sync::Mutex;
 
 /// Time of a planning cycle and of a scan, in seconds.
-const CYCLE: f64 = 0.05;
+pub(crate) const CYCLE: f64 = 0.05;
 /// Steps of the simulation in a cycle: the vehicle's ramps are smooth.
 const STEPS: u64 = 5;
 /// When a run ends at the latest, in seconds.
@@ -29,6 +29,19 @@ pub(crate) enum End {
     Collision,
     Timeout,
     GaveUp,
+    /// It stands where it believes that it has arrived, and is not there.
+    Missed,
+}
+
+impl End {
+    /// Whether a navigation that says this ends a run, with the vehicle at rest or not.
+    const fn told_by(status: NavigationStatus, rests: bool) -> Option<Self> {
+        match status {
+            NavigationStatus::GaveUp(_) => Some(Self::GaveUp),
+            NavigationStatus::Arrived if rests => Some(Self::Missed),
+            _ => None,
+        }
+    }
 }
 
 /// What became of a run.
@@ -161,8 +174,10 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
                 run.paths.push(path);
             }
         }
-        if let NavigationStatus::GaveUp(_) = command.status {
-            run.end = End::GaveUp;
+        // It has not moved in the last cycle either.
+        let rests = motion.twist == Twist2::ZERO && command.motion.twist == Twist2::ZERO;
+        if let Some(end) = End::told_by(command.status, rests) {
+            run.end = end;
             break;
         }
         changes.push((command.motion.twist.vx - motion.twist.vx).abs() / CYCLE);

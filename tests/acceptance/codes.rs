@@ -20,11 +20,11 @@ type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
 #[test]
 fn laps_arrive_and_codes_bring_them_nearer() {
     let site = Site::new(0.5).unwrap();
-    let runs = Runs { laps: 2, damaged: 0.0, yaw_offset: 60_f64.to_radians(), uses_unread: true, par: Par::Seq };
+    let runs = Runs { laps: 6, damaged: 0.0, yaw_offset: 60_f64.to_radians(), uses_unread: true, par: Par::Seq };
     let mut stops = [f64::NAN; 2];
     for (variant, stop) in [Variant::Laser, Variant::Both].into_iter().zip(&mut stops) {
         let run = Run::new(&site, runs, variant, Seed(1)).unwrap();
-        assert!(run.laps.len() == 2 && run.contacts == 0, "{}", variant.name());
+        assert!(run.laps.len() == 6 && run.contacts == 0, "{}", variant.name());
         for lap in &run.laps {
             let offset = lap.offset.1.max(-lap.offset.0);
             eprintln!("{}: stops {:.4} m off, centred {:?}", variant.name(), lap.stop_error, lap.centred_error);

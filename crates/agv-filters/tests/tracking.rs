@@ -387,3 +387,40 @@ fn a_stored_tracker_goes_on_with_the_same_bits() {
     }
     assert_eq!(tracker.obstacles().len(), 1);
 }
+
+#[cfg(feature = "serde")]
+#[test]
+fn a_stored_tracker_that_cannot_be_is_refused() {
+    let mut ranges = vec![8.0; 1081];
+    ranges[520..560].fill(2.0);
+    let mut tracker = ObstacleTracker::new(TrackerParams::default()).unwrap();
+    for seconds in [1.0, 1.05] {
+        tracker.update(&one_scan(seconds, ranges.clone()), &Se2::default()).unwrap();
+    }
+    let stored = serde_json::to_value(&tracker).unwrap();
+    let load = |pointer: &str, value: serde_json::Value| {
+        let mut stored = stored.clone();
+        *stored.pointer_mut(pointer).unwrap() = value;
+        serde_json::from_value::<ObstacleTracker>(stored)
+    };
+    for (pointer, value) in [
+        ("/next_id", 0.into()),
+        ("/next_id", stored.pointer("/tracks/0/id").unwrap().clone()),
+        ("/now", serde_json::Value::Null),
+        ("/now", stored.pointer("/views/0/stamp").unwrap().as_i64().map(|stamp| stamp - 1).into()),
+        ("/tracks/0/id", u64::MAX.into()),
+        ("/tracks/0/radius/0", (-0.1).into()),
+        ("/tracks/0/radius/1", 0.0.into()),
+        ("/tracks/0/absent", (-1.0).into()),
+        ("/tracks/0/score", u32::MAX.into()),
+        ("/tracks/0/seen", i64::MAX.into()),
+    ] {
+        assert!(load(pointer, value.clone()).is_err(), "{pointer} {value}");
+    }
+    // The last identity there is: whatever comes is followed, without an overflow.
+    let mut last = load("/next_id", u64::MAX.into()).unwrap();
+    ranges[100..140].fill(2.0);
+    ranges[900..940].fill(2.0);
+    last.update(&one_scan(1.1, ranges), &Se2::default()).unwrap();
+    assert!(last.tracks().count() >= 3);
+}

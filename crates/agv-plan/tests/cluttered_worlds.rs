@@ -118,7 +118,6 @@ fn drive(planner: &mut dyn LocalPlanner, posts: &[Vector2<f64>], start: Se2, goa
     let mut path = Path::new();
     let mut state = VehicleState::new(start, Twist2::ZERO);
     let mut run = Run { end: End::Late, length: 0.0 };
-    let trace = std::env::var("TRACE").is_ok();
     for cycle in 0..(budget / DT) as usize {
         let position = state.map_from_base.translation();
         let before = hidden.len();
@@ -166,19 +165,6 @@ fn drive(planner: &mut dyn LocalPlanner, posts: &[Vector2<f64>], start: Se2, goa
             }
         }
         state = state.after(&command.motion, DT);
-        if trace && cycle % 5 == 0 {
-            let p = state.map_from_base;
-            eprintln!(
-                "{:5.2} s ({:.2} {:.2} {:.2}) v {:.2} w {:.2} {:?}",
-                cycle as f64 * DT,
-                p.x(),
-                p.y(),
-                p.yaw(),
-                state.twist.vx,
-                state.twist.yaw_rate,
-                command.status
-            );
-        }
         if command.status == LocalPlanStatus::Arrived
             || (state.map_from_base.translation() - goal.translation()).norm() < 1.0
         {
@@ -198,48 +184,19 @@ fn score(run: &Run) -> f64 {
     }
 }
 
-/// Posts of the shared worlds, if somebody put them where the variable says: a line per post, "world x y".
-fn barn() -> Option<Vec<(usize, Vec<Vector2<f64>>)>> {
-    let text = std::fs::read_to_string(std::env::var("BARN").ok()?).ok()?;
-    let mut worlds: Vec<(usize, Vec<Vector2<f64>>)> = Vec::new();
-    for line in text.lines() {
-        let mut values = line.split_whitespace().map(|v| v.parse::<f64>().unwrap());
-        let world = values.next().unwrap() as usize;
-        let post = Vector2::new(values.next().unwrap(), values.next().unwrap());
-        match worlds.last_mut() {
-            Some((last, posts)) if *last == world => posts.push(post),
-            _ => worlds.push((world, vec![post])),
-        }
-    }
-    Some(worlds)
-}
-
 #[test]
 fn the_dynamic_window_gets_through_fields_of_posts() {
     let (footprint, _) = vehicle();
     let (start, goal) =
         (Se2::new(2.2, 0.0, std::f64::consts::FRAC_PI_2), Se2::new(2.2, 10.0, std::f64::consts::FRAC_PI_2));
     let mut cases: Vec<_> = Vec::new();
-    if let Some(worlds) = barn() {
-        let (start, goal) = (Se2::new(-2.25, 3.0, start.yaw()), Se2::new(-2.25, 13.0, start.yaw()));
-        let only: Option<usize> = std::env::var("ONLY").ok().and_then(|v| v.parse().ok());
-        cases.extend(
-            worlds
-                .into_iter()
-                .filter(|w| only.is_none_or(|o| o == w.0))
-                .map(|(world, posts)| (world, posts, start, goal)),
-        );
-    } else {
-        for (k, (fill, smoothing)) in [(0.15, 2), (0.2, 3), (0.25, 4), (0.3, 2)].into_iter().enumerate() {
-            let worlds =
-                (0..25).map(|i| (100 * k + i, field_of_posts((100 * k + i) as u64, fill, smoothing), start, goal));
-            cases.extend(worlds.filter(|(_, posts, start, goal)| has_wide_way(posts, start, goal)).take(10));
-        }
+    for (k, (fill, smoothing)) in [(0.15, 2), (0.2, 3), (0.25, 4), (0.3, 2)].into_iter().enumerate() {
+        let worlds = (0..25).map(|i| (100 * k + i, field_of_posts((100 * k + i) as u64, fill, smoothing), start, goal));
+        cases.extend(worlds.filter(|(_, posts, start, goal)| has_wide_way(posts, start, goal)).take(10));
     }
     let (mut tried, mut arrived, mut total) = (0_usize, 0, 0.0);
     for (name, posts, start, goal) in &cases {
         let mut planner = Dwa::new(DwaParams::for_footprint(&footprint)).unwrap();
-        let begin = std::time::Instant::now();
         let run = drive(&mut planner, posts, *start, *goal, 60.0);
         if run.end == End::NoWay {
             continue;
@@ -248,14 +205,9 @@ fn the_dynamic_window_gets_through_fields_of_posts() {
         arrived += usize::from(matches!(run.end, End::Goal(_)));
         total += score(&run);
         assert!(!matches!(run.end, End::Contact(_)), "world {name}: {:?}", run.end);
-        eprintln!(
-            "world {name}: {:?} of {:.1} m, {:.3}; {:.1} s",
-            run.end,
-            run.length,
-            score(&run),
-            begin.elapsed().as_secs_f64()
-        );
+        eprintln!("world {name}: {:?} of {:.1} m, {:.3}", run.end, run.length, score(&run));
     }
     eprintln!("{arrived} of {tried}, score {:.3}", total / tried as f64);
+    assert!(tried >= 26, "{tried}");
     assert!(arrived * 100 >= tried * 95, "{arrived} of {tried}");
 }

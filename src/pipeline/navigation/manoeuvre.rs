@@ -141,11 +141,11 @@ impl Manoeuvre {
         Self { targets, next: 0 }
     }
 
-    /// The twist to aim at; rest between two pieces, none when all are done.
-    pub(super) fn wish(&mut self, request: &NavigationRequest<'_>) -> Option<Twist2> {
+    /// The twist to aim at, for a vehicle that can come to rest within this cycle or not; rest between two pieces, none when all
+    /// are done.
+    pub(super) fn wish(&mut self, request: &NavigationRequest<'_>, can_rest: bool) -> Option<Twist2> {
         let (piece, target) = *self.targets.get(self.next)?;
         let error = request.state.map_from_base.between(&target);
-        let stands = request.state.twist == Twist2::ZERO;
         let (is_done, wish) = match piece {
             Piece::Left | Piece::Right => {
                 let turn = error.yaw();
@@ -161,7 +161,7 @@ impl Manoeuvre {
         if !is_done {
             return Some(wish);
         }
-        if stands {
+        if can_rest {
             self.next += 1;
         }
         Some(Twist2::ZERO)

@@ -56,7 +56,7 @@ pub struct NavigationRequest<'a> {
 /// [`RollingCostmap`](agv_core::grid::RollingCostmap) has them. A goal beyond that map is made for through a place at its border. The path
 /// is planned anew every so often and as soon as something stands in it; another way is taken if it is better by a
 /// clear margin, or the one that is followed is blocked. Where the local planner gets nowhere, recovery behaviours follow each
-/// other, and after as many rounds as the parameters allow the navigation gives up and says why. No clock is read: time is what
+/// other, and after as many as the parameters allow the navigation gives up and says why. No clock is read: time is what
 /// the cycles' `dt` add up to.
 ///
 /// The fusions of papers 000, 002 and 003 are this type with their planners: A* and DWA, improved ants and improved DWA, A* or Dijkstra
@@ -71,7 +71,9 @@ pub struct Navigation {
     candidate: Path,
     progress: Progress,
     behaviour: Option<Behaviour>,
-    /// Recovery behaviours that were begun since the last progress.
+    /// Where the vehicle was when the first of the recoveries was begun.
+    stuck_at: Option<Se2>,
+    /// Recovery behaviours that were begun since it got stuck there.
     recoveries: u32,
     /// Escapes among them: these go first, and are counted apart.
     escapes: u32,
@@ -108,6 +110,7 @@ impl Navigation {
             candidate: Path::new(),
             progress: Progress::default(),
             behaviour: None,
+            stuck_at: None,
             recoveries: 0,
             escapes: 0,
             since_plan: f64::INFINITY,
@@ -127,7 +130,7 @@ impl Navigation {
         self.goal = Some(*goal);
         self.route.clear();
         self.progress = Progress::default();
-        (self.behaviour, self.ended, self.blocked, self.no_path) = (None, None, None, None);
+        (self.behaviour, self.stuck_at, self.ended, self.blocked, self.no_path) = (None, None, None, None, None);
         (self.recoveries, self.escapes, self.since_plan, self.waited) = (0, 0, f64::INFINITY, 0.0);
         Ok(())
     }
@@ -162,8 +165,8 @@ impl Navigation {
         }
         self.since_plan += request.dt;
         let moved_on = self.progress.update(&request.state.map_from_base, request.dt, self.params.progress_distance);
-        if moved_on && self.behaviour.is_none() {
-            (self.recoveries, self.escapes) = (0, 0);
+        if moved_on && self.behaviour.is_none() && self.is_away(&request.state.map_from_base) {
+            (self.stuck_at, self.recoveries, self.escapes) = (None, 0, 0);
         }
         if let Some(command) = self.recover(&request)? {
             return Ok(command);
@@ -263,8 +266,10 @@ impl Navigation {
             LocalPlanStatus::Blocked(reason) => self.blocked = Some(reason),
             LocalPlanStatus::InCollision => {
                 self.blocked = Some(BlockReason::Obstacle);
-                if request.state.twist == Twist2::ZERO && self.escapes < self.params.recoveries {
+                let rest = request.limits.brake(&request.state.motion(), request.dt)?;
+                if rest.twist == Twist2::ZERO && self.escapes < self.params.recoveries {
                     self.escapes += 1;
+                    self.stuck_at.get_or_insert(request.state.map_from_base);
                     self.behaviour = Some(Behaviour::escape(request));
                     return answer(NavigationStatus::Recovering(Recovery::Escape));
                 }
@@ -280,6 +285,12 @@ impl Navigation {
 
     fn is_at_goal(&self, here: &Se2) -> bool {
         self.goal.is_some_and(|goal| (goal.translation() - here.translation()).norm() <= self.params.goal_tolerance)
+    }
+
+    /// Whether the vehicle has left the place where it got stuck behind: farther than by backing off and coming again.
+    fn is_away(&self, here: &Se2) -> bool {
+        let far = (2.0 * self.params.progress_distance).max(1.0);
+        self.stuck_at.is_some_and(|stuck_at| (here.translation() - stuck_at.translation()).norm() > far)
     }
 
     /// No path, or no progress on it: the next recovery behaviour, or the end.
@@ -302,6 +313,7 @@ impl Navigation {
         }
         let behaviour = Behaviour::new(self.recoveries, request, &self.footprint, self.route.path())?;
         self.recoveries += 1;
+        self.stuck_at.get_or_insert(request.state.map_from_base);
         let (kind, forget_map) = (behaviour.kind(), behaviour.forgets_map());
         self.behaviour = Some(behaviour);
         let mut command = stop(request, NavigationStatus::Recovering(kind))?;

@@ -31,13 +31,14 @@ pub struct NavigationParams {
     pub blocked_time: f64,
     /// How long to wait for an obstacle that moves, in seconds.
     pub patience: f64,
-    /// Recovery behaviours without progress between them before giving up.
+    /// Recovery behaviours before giving up, and as many escapes from contacts beside. Both are counted anew once the vehicle gets
+    /// on by itself farther than a metre, and than twice `progress_distance`, from where it got stuck.
     pub recoveries: u32,
 }
 
 impl Default for NavigationParams {
-    /// Four plans a second, five where something stands in the way; another path must save a tenth, or be the only one; Nav2's half a metre
-    /// of progress, in a shorter time; three rounds of recoveries.
+    /// Four plans a second, five where something stands in the way; another path must save a tenth, or be the only one; 0.3 m
+    /// in 4 s are progress, where Nav2's checker asks for 0.5 m in 10 s; a round of eight recovery behaviours and half of another.
     fn default() -> Self {
         Self {
             plan_period: 0.25,

@@ -41,9 +41,11 @@ pub(super) struct Behaviour {
 /// Longest a behaviour takes, in seconds; a manoeuvre of many pieces may take longer.
 const LONGEST: f64 = 3.0;
 const LONGEST_MANOEUVRE: f64 = 15.0;
+/// How long it may take to come to rest after that, in seconds: then it ends, whatever the estimate says.
+const OVERTIME: f64 = 2.0;
 /// How long a vehicle stands to look again, in seconds: some scans.
 const LOOK: f64 = 0.3;
-/// Way back, in metres; half as much again in each further round.
+/// Way back, in metres.
 const BACK: f64 = 0.3;
 /// Speed of a recovery, in metres per second and radians per second.
 const SPEED: f64 = 0.3;
@@ -106,16 +108,17 @@ impl Behaviour {
         let (now, dt, limits) = (request.state.motion(), request.dt, request.limits);
         self.time += dt;
         let rest = limits.brake(&now, dt)?;
-        let stands = now.twist == Twist2::ZERO;
+        // Within this cycle: an estimate of a vehicle at rest is never quite zero.
+        let stands = rest.twist == Twist2::ZERO;
         let longest = if self.kind == Recovery::Manoeuvre { LONGEST_MANOEUVRE } else { LONGEST };
-        if self.time > longest && stands {
+        if self.time > longest + if stands { 0.0 } else { OVERTIME } {
             return Ok(None);
         }
         let wish = match self.kind {
-            Recovery::Escape => return self.creep(request, footprint),
+            Recovery::Escape => return self.creep(request, footprint, &rest),
             Recovery::LookAgain if self.time > LOOK => return Ok(None),
             Recovery::LookAgain => Twist2::ZERO,
-            Recovery::Manoeuvre => match self.manoeuvre.wish(request) {
+            Recovery::Manoeuvre => match self.manoeuvre.wish(request, stands) {
                 // Standing between two pieces is no end.
                 Some(wish) if wish == Twist2::ZERO && self.time <= longest => return Ok(Some(rest)),
                 Some(wish) => wish,
@@ -155,7 +158,12 @@ impl Behaviour {
     }
 
     /// The slow motion that gains most room; none once nothing is touched, or no motion gains any.
-    fn creep(&self, request: &NavigationRequest<'_>, footprint: &Footprint) -> Result<Option<Motion>, Error> {
+    fn creep(
+        &self,
+        request: &NavigationRequest<'_>,
+        footprint: &Footprint,
+        rest: &Motion,
+    ) -> Result<Option<Motion>, Error> {
         let (here, now, dt) = (request.state.map_from_base, request.state.motion(), request.dt);
         let is_over = self.time > LONGEST || !request.map.collides(footprint, &here)?;
         let before = room(request, footprint, &here);
@@ -172,8 +180,8 @@ impl Behaviour {
         }
         match best.1.filter(|_| !is_over) {
             Some(twist) => Ok(Some(request.limits.step(&now, &twist.into(), dt)?)),
-            None if now.twist == Twist2::ZERO => Ok(None),
-            None => Ok(Some(request.limits.brake(&now, dt)?)),
+            None if rest.twist == Twist2::ZERO => Ok(None),
+            None => Ok(Some(*rest)),
         }
     }
 }

@@ -170,7 +170,7 @@ impl<S: Steering> Follower<S> {
             let rests = motion.twist == Twist2::ZERO;
             return Ok((motion, if rests { self.next_section() } else { TrackStatus::Tracking }));
         }
-        let facing = (limits.twist.lateral_speed > 0.0 && limits.steering.is_none()).then_some(p.facing);
+        let facing = limits.is_holonomic().then_some(p.facing);
         let threshold = p.turn_in_place * if self.turning { ALIGNED } else { 1.0 };
         let turns = limits.turns_on_the_spot() && p.turn_in_place < PI && facing != Some(Facing::Path);
         self.turning = turns && heading_error.abs() > threshold;

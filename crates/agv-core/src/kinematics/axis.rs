@@ -63,8 +63,18 @@ impl Axis {
     }
 }
 
-/// Greatest value after `dt` seconds: a negative one brakes first, then accelerates.
-fn rise(current: f64, acceleration: f64, deceleration: f64, dt: f64) -> f64 {
+/// Greatest value that one component of a motion has after `dt` seconds: a negative one brakes first, then accelerates. The least
+/// is `-rise(-current, ..)`.
+///
+/// ```
+/// use agv_core::kinematics::rise;
+///
+/// // Reversing at 0.2 m/s, braking at 1 m/s²: half of 0.4 s until rest, the other half accelerates at 0.5 m/s².
+/// assert!((rise(-0.2, 0.5, 1.0, 0.4) - 0.1).abs() < 1e-12);
+/// assert!((-rise(0.2, 0.5, 1.0, 0.4) + 0.4).abs() < 1e-12);
+/// ```
+#[inline]
+pub fn rise(current: f64, acceleration: f64, deceleration: f64, dt: f64) -> f64 {
     if current >= 0.0 {
         return current + acceleration * dt;
     }

@@ -107,6 +107,13 @@ impl MotionLimits {
         self.steering.is_none() && self.twist.yaw_rate > 0.0
     }
 
+    /// Whether the vehicle can drive in any direction, whichever way it faces; one that steers an axle cannot, whatever its lateral
+    /// speed may be.
+    #[inline]
+    pub fn is_holonomic(&self) -> bool {
+        self.steering.is_none() && self.twist.lateral_speed > 0.0
+    }
+
     /// Greatest curvature that the vehicle can drive, in 1/m; infinite for one that turns on the spot.
     pub fn max_curvature(&self) -> f64 {
         self.steering.as_ref().map_or(f64::INFINITY, SteeringLimits::max_curvature)

@@ -114,7 +114,7 @@ impl ScanClusters {
         let step = scan.geometry().angle_increment.abs();
         let whole_turn = (step * scan.len() as f64 - TAU).abs() < 1.5 * step;
         // Where beams come back empty between two hits, there is a gap.
-        let mut empty_since = false;
+        let (mut empty_since, mut empty_before) = (false, false);
         let mut start = 0;
         for (beam, (angle, reading)) in scan.beams().enumerate() {
             let range = match reading {
@@ -134,41 +134,41 @@ impl ScanClusters {
                 close(clusters, start..hits.len(), hits);
                 start = hits.len();
             }
+            empty_before |= hits.is_empty() && empty_since;
             hits.push(hit);
             empty_since = false;
         }
         close(clusters, start..hits.len(), hits);
-        // Ends: hidden by a nearer neighbour, or by the scan's edge. `clusters` still counts hits here.
+        // Across the seam of a whole turn: whether the last hit and the first are of one surface.
         let len = scan.len();
+        let is_joined = match (hits.first(), hits.last()) {
+            (Some(first), Some(last)) if whole_turn && !empty_before && !empty_since => {
+                joined(&self.params, last, first, first.beam + len - last.beam, step)
+            }
+            _ => false,
+        };
+        let has_seam = whole_turn && !is_joined;
+        // Ends: hidden by a nearer neighbour, or by the scan's edge. `clusters` still counts hits here.
         for cluster in clusters.iter_mut() {
             let (first, last) = (cluster.points.start, cluster.points.end - 1);
-            let hides = |own: &Hit, other: Option<&Hit>, edge: bool| match other {
-                _ if edge => !whole_turn,
-                Some(other) => {
-                    other.beam.abs_diff(own.beam) <= 1 + self.params.bridged_beams && other.range < own.range
-                }
-                None => false,
-            };
-            cluster.hidden = [
-                hides(&hits[first], first.checked_sub(1).map(|i| &hits[i]), hits[first].beam == 0),
-                hides(&hits[last], hits.get(last + 1), hits[last].beam + 1 == len),
-            ];
+            let near = |from: &Hit, to: &Hit| (to.beam + len - from.beam) % len <= 1 + self.params.bridged_beams;
+            let (own, before) = (&hits[first], first.checked_sub(1).or(has_seam.then(|| hits.len() - 1)));
+            let at_start =
+                before.map_or(own.beam == 0 && !whole_turn, |i| near(&hits[i], own) && hits[i].range < own.range);
+            let (own, after) = (&hits[last], hits.get(last + 1).or(hits.first().filter(|_| has_seam)));
+            let at_end =
+                after.map_or(own.beam + 1 == len && !whole_turn, |other| near(own, other) && other.range < own.range);
+            cluster.hidden = [at_start, at_end];
         }
-        if let (true, [head, .., tail]) = (whole_turn, &mut clusters[..]) {
-            let (a, b) = (hits[tail.points.end - 1], hits[head.points.start]);
-            if head.points.start == 0
-                && tail.points.end == hits.len()
-                && joined(&self.params, &a, &b, b.beam + len - a.beam, step)
-            {
-                // The first cluster goes on where the last ends.
-                let first = head.points.clone();
-                tail.hidden[1] = head.hidden[1];
-                for index in first.clone() {
-                    hits.push(hits[index]);
-                }
-                tail.points.end = hits.len();
-                clusters.remove(0);
+        if let (true, [head, .., tail]) = (is_joined, &mut clusters[..]) {
+            // The first cluster goes on where the last ends. Both were kept, being joined.
+            let first = head.points.clone();
+            tail.hidden[1] = head.hidden[1];
+            for index in first {
+                hits.push(hits[index]);
             }
+            tail.points.end = hits.len();
+            clusters.remove(0);
         }
         points.extend(hits.iter().map(|hit| hit.point));
         beams.extend(hits.iter().map(|hit| hit.beam));
@@ -288,6 +288,29 @@ mod tests {
         assert_eq!(posts.iter().map(|c| c.points.len()).collect::<Vec<_>>(), [3, 5]);
         assert!(posts.iter().all(|c| c.hidden == [false, false]));
         assert_eq!(clusters.beams()[posts[1].points.clone()], [357, 358, 359, 0, 1]);
+    }
+
+    #[test]
+    fn ends_at_the_seam_look_across_it() {
+        let geometry = ScanGeometry { angle_min: 0.0, angle_increment: TAU / 360.0, ..Default::default() };
+        // A post that ends at the last beam hides the wall that begins at the first.
+        let mut ranges = vec![6.0; 360];
+        ranges[355..].fill(2.0);
+        let clusters = segmented(geometry, &ranges, 3);
+        let hidden: Vec<_> = clusters.clusters().iter().map(|c| (c.points.len(), c.hidden)).collect();
+        assert_eq!(hidden, [(355, [true, true]), (5, [false, false])]);
+        // A beam between two posts that comes back empty saw through: two they stay.
+        let mut ranges = vec![f32::INFINITY; 360];
+        for beam in [356, 357, 358, 0, 1, 2] {
+            ranges[beam] = 2.0;
+        }
+        assert_eq!(segmented(geometry, &ranges, 3).clusters().len(), 2);
+        ranges[359] = f32::NAN;
+        assert_eq!(segmented(geometry, &ranges, 3).clusters().len(), 1);
+        // A wall all around hides nothing of itself.
+        let ranges: Vec<f32> = (0..360).map(|beam| 6.0 + 0.001 * (beam as f32).sin()).collect();
+        let clusters = segmented(geometry, &ranges, 3);
+        assert_eq!(clusters.clusters().iter().map(|c| c.hidden).collect::<Vec<_>>(), [[false, false]]);
     }
 
     #[test]

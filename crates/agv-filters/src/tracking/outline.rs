@@ -41,7 +41,7 @@ impl Outline {
     ///
     /// `hidden` says that there may be more of it before the first or after the last point, `sigma` how far points scatter
     /// around a surface, and `radius` what is known of it, as mean and variance. None if there are no points, or numbers that
-    /// are not finite. O(1) but for the hull, O(points).
+    /// are not finite. O(points), of which the fit takes 32 at most.
     pub fn of(
         points: &[Vector2<f64>],
         sensor: &Vector2<f64>,

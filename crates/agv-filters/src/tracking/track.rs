@@ -2,6 +2,8 @@
 
 use super::{ConstantVelocity, Outline, TrackerParams};
 use crate::kalman::{Gate, KalmanFilter, LinearMeasurement};
+#[cfg(feature = "serde")]
+use agv_core::{Error, check};
 use agv_core::{
     obstacle::{Hull, MovingObstacle, ObstacleId},
     time::Stamp,
@@ -63,6 +65,13 @@ const LEAST_RADIUS_VARIANCE: f64 = 1e-4;
 const MOVES: u32 = 5;
 const MOST_SCORE: u32 = 20;
 
+/// Accepts the stamp of what was stored at `now`.
+#[cfg(feature = "serde")]
+pub(super) fn not_after(stamp: Stamp, now: Stamp) -> Result<(), Error> {
+    let (earlier_ns, later_ns) = (stamp.nanoseconds(), now.nanoseconds());
+    if stamp <= now { Ok(()) } else { Err(Error::TimeBackwards { earlier_ns, later_ns }) }
+}
+
 impl Track {
     pub(super) fn new(
         id: ObstacleId,
@@ -87,6 +96,23 @@ impl Track {
             moving: false,
             traces: [trace; 2],
         })
+    }
+
+    /// Accepts a stored track that updates up to `now` could have left.
+    #[cfg(feature = "serde")]
+    pub(super) fn check(&self, now: Stamp) -> Result<(), Error> {
+        check::non_negative("track radius (m)", self.radius.0)?;
+        check::positive("variance of a track's radius (m²)", self.radius.1)?;
+        check::non_negative("absence of a track (s)", self.absent)?;
+        check::in_range("score of a track", f64::from(self.score), 0.0, f64::from(MOST_SCORE))?;
+        for trace in &self.traces {
+            check::in_range("points of a trace", trace.len as f64, 0.0, Trace::POINTS as f64)?;
+            check::all_finite("points of a trace", trace.points.iter().flat_map(|point| point.iter()))?;
+        }
+        for stamp in [self.seen, self.traces[0].stamp, self.traces[1].stamp] {
+            not_after(stamp, now)?;
+        }
+        Ok(())
     }
 
     pub(super) fn position(&self) -> Vector2<f64> {

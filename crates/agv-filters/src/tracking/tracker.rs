@@ -44,8 +44,8 @@ pub struct TrackedObstacle {
 /// ([`ConstantVelocity`]).
 ///
 /// A track moves when its velocity is significant ([`speed_confidence`](TrackerParams::speed_confidence),
-/// [`min_speed`](TrackerParams::min_speed)) and in several scans either three points of its surface lie where a scan of the
-/// last [`memory`](TrackerParams::memory) saw through, or of the places where its surface was then some are seen through now.
+/// [`min_speed`](TrackerParams::min_speed)) and in several scans either three points of its surface lie where a scan from a quarter
+/// to one and a half of a [`memory`](TrackerParams::memory) ago saw through, or of the places where its surface was then some are seen through now.
 /// Surfaces that stand still do neither, whatever part of them is in sight. It stops moving when that ceases.
 ///
 /// Call [`update`](Self::update) with each scan of each laser, in the order of their stamps; what several lasers see of one thing
@@ -166,7 +166,8 @@ impl ObstacleTracker {
     /// Takes a scan that was taken at once, with the base at `map_from_base`, and returns what moves, by its state at the scan's
     /// stamp.
     ///
-    /// A scan without hits lets the tracks coast. O(beams + tracks × clusters near).
+    /// A scan without hits lets the tracks coast. O(beams × what moves + tracks × clusters), and an [`Assignment`] of those near each
+    /// other.
     ///
     /// # Errors
     /// A pose that is not finite or farther than 1e6 m, or [`Error::TimeBackwards`] for a scan more than 0.1 s older than the

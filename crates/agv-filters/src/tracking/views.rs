@@ -105,6 +105,12 @@ impl Views {
         self.views.iter().filter(aged).any(|view| view.sees_through(point, margin))
     }
 
+    /// Accepts stored views of scans up to `now`.
+    #[cfg(feature = "serde")]
+    pub(super) fn check(&self, now: Stamp) -> Result<(), agv_core::Error> {
+        self.views.iter().try_for_each(|view| super::track::not_after(view.stamp, now))
+    }
+
     pub(super) fn clear(&mut self) {
         self.views.clear();
     }

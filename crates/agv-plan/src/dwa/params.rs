@@ -40,7 +40,7 @@ pub struct DwaParams {
     pub window: f64,
     /// Whether the window follows speed and room; none for one of a fixed time.
     pub adaptive: Option<AdaptiveWindow>,
-    /// Duration of the trajectories, in seconds.
+    /// Duration of the trajectories, in seconds; a step takes [`MAX_STEP`](Self::MAX_STEP) at the most.
     pub horizon: f64,
     /// Steps of a trajectory.
     pub steps: usize,
@@ -48,7 +48,7 @@ pub struct DwaParams {
     pub look_ahead: f64,
     /// Share of the deceleration that a stop at the goal is planned with.
     pub stopping_share: f64,
-    /// Time without any progress after which the planner gives up, in seconds.
+    /// Time of driving without any progress after which the planner gives up, in seconds.
     pub patience: f64,
     /// The path's tolerances.
     pub reference: ReferenceParams,
@@ -79,6 +79,9 @@ impl DwaParams {
         }
     }
 
+    /// Longest step of a trajectory, in seconds.
+    pub const MAX_STEP: f64 = 0.25;
+
     /// Most trajectories of a cycle times steps.
     pub const MAX_STATES: usize = 1 << 20;
 
@@ -93,6 +96,8 @@ impl DwaParams {
         check::at_least("steps", self.steps, 2)?;
         check::non_negative("window", self.window)?;
         check::positive("horizon", self.horizon)?;
+        // The arcs of a step are series in the angle that it turns.
+        check::in_range("horizon / steps", self.horizon / self.steps as f64, f64::MIN_POSITIVE, Self::MAX_STEP)?;
         check::positive("look_ahead", self.look_ahead)?;
         check::in_range("stopping_share", self.stopping_share, 0.05, 1.0)?;
         check::positive("patience", self.patience)?;

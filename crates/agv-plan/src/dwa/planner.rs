@@ -13,7 +13,7 @@ use crate::{
 };
 use agv_core::{
     geometry::{LieGroup, Twist2},
-    kinematics::{Motion, stopping_speed},
+    kinematics::{Motion, rise, stopping_speed},
     roles::{BlockReason, LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner},
 };
 use nalgebra::Vector2;
@@ -75,7 +75,7 @@ pub struct Dwa {
 /// How long there has been no progress.
 #[derive(Debug, Clone, Copy, Default)]
 struct Patience {
-    /// Least that remained, in metres, and time since then, in seconds.
+    /// Least that remained, in metres, and time of driving since then, in seconds: who stands for somebody does not lose it.
     least: f64,
     waited: f64,
 }
@@ -257,16 +257,16 @@ impl Dwa {
         let &LocalPlanRequest { state, limits, dt, .. } = request;
         let [vx, vy, turn] = self.batch.target(i).map(f64::from);
         let now = state.twist;
-        let (up, down) = (limits.twist.acceleration * dt, limits.twist.deceleration * dt);
-        let vx = towards(now.vx, vx, up, down);
+        let (up, down) = (limits.twist.acceleration, limits.twist.deceleration);
+        let vx = towards(now.vx, vx, up, down, dt);
         let target = if let Some(steering) = &limits.steering {
             let angle = steering_angle(&state.motion(), limits);
             let change = steering.max_rate * dt;
             let angle = (turn * steering.wheelbase).atan().clamp(angle - change, angle + change);
             Motion { twist: Twist2::new(vx, 0.0, vx * steering.curvature(angle)), steering: Some(angle) }
         } else {
-            let change = limits.twist.yaw_acceleration * dt;
-            Twist2::new(vx, towards(now.vy, vy, up, down), towards(now.yaw_rate, turn, change, change)).into()
+            let change = limits.twist.yaw_acceleration;
+            Twist2::new(vx, towards(now.vy, vy, up, down, dt), towards(now.yaw_rate, turn, change, change, dt)).into()
         };
         limits.step_checked(&state.motion(), &target, dt)
     }
@@ -280,7 +280,7 @@ impl Dwa {
             return self.blocked(request, BlockReason::Obstacle);
         };
         self.field.trace(&position);
-        if self.gives_up(drive, request.dt) {
+        if self.gives_up(drive) {
             return self.blocked(request, BlockReason::Limits);
         }
         self.sample(request, drive);
@@ -343,6 +343,7 @@ impl Dwa {
                     let status = if stands && !turns_wheels {
                         LocalPlanStatus::Blocked(self.standing_reason(request))
                     } else {
+                        self.progress.waited += request.dt;
                         LocalPlanStatus::Following
                     };
                     return Ok(Some(LocalCommand { motion, status }));
@@ -369,33 +370,38 @@ impl Dwa {
         Ok(LocalCommand { motion, status: LocalPlanStatus::Blocked(reason) })
     }
 
-    /// Whether there was no progress for too long.
-    fn gives_up(&mut self, drive: &Drive, dt: f64) -> bool {
+    /// Whether it drove without progress for too long.
+    fn gives_up(&mut self, drive: &Drive) -> bool {
         let patience = &mut self.progress;
         if self.reference.is_new() || drive.remaining < patience.least - PROGRESS {
             *patience = Patience { least: drive.remaining, waited: 0.0 };
         }
-        patience.waited += dt;
         patience.waited > self.params.patience
     }
 
-    /// Turns on the spot, the shorter way if it is free, else the other; whatever moves otherwise is braked.
+    /// Turns on the spot: the shorter way, unless that is closed and the other is not. An angle of zero is a stop on the way.
     fn turn(&mut self, request: &LocalPlanRequest<'_>, error: f64) -> Result<LocalCommand, LocalPlanError> {
         self.last = Twist2::ZERO;
-        let limits = request.limits;
-        let around = error - std::f64::consts::TAU.copysign(error);
-        let mut reason = BlockReason::Obstacle;
-        for angle in [error, around] {
-            let rate =
-                stopping_speed(angle.abs(), limits.twist.yaw_acceleration, request.dt).min(limits.twist.yaw_rate);
-            let target = Twist2::new(0.0, 0.0, rate.copysign(angle));
-            let motion = limits.step_checked(&request.state.motion(), &target.into(), request.dt);
-            match self.guard.check_trusted(request, &motion)? {
-                Verdict::Clear => return Ok(LocalCommand { motion, status: LocalPlanStatus::Following }),
-                Verdict::Blocked(because) => reason = because,
-            }
+        if error == 0.0 {
+            let motion = self.guard.brake(request)?;
+            return Ok(LocalCommand { motion, status: LocalPlanStatus::Following });
         }
-        self.blocked(request, reason)
+        let (limits, pose) = (request.limits, request.state.map_from_base);
+        // All of the turn, not the next cycle: the way is chosen once, and not again at the obstacle.
+        let closed = |angle: f64| {
+            let (twist, margin) = (Twist2::new(0.0, 0.0, 1.0_f64.copysign(angle)), self.params.guard.margin);
+            let obstacles = request.map.obstacles();
+            obstacles.collides_along_within(&self.params.footprint, &pose, &twist, angle.abs(), margin)
+        };
+        let around = error - std::f64::consts::TAU.copysign(error);
+        let angle = if closed(error)? && !closed(around)? { around } else { error };
+        let rate = stopping_speed(angle.abs(), limits.twist.yaw_acceleration, request.dt).min(limits.twist.yaw_rate);
+        let target = Twist2::new(0.0, 0.0, rate.copysign(angle));
+        let motion = limits.step_checked(&request.state.motion(), &target.into(), request.dt);
+        match self.guard.check_trusted(request, &motion)? {
+            Verdict::Clear => Ok(LocalCommand { motion, status: LocalPlanStatus::Following }),
+            Verdict::Blocked(because) => self.blocked(request, because),
+        }
     }
 }
 
@@ -420,9 +426,8 @@ impl LocalPlanner for Dwa {
 }
 
 /// A component after a step towards its target.
-fn towards(now: f64, target: f64, up: f64, down: f64) -> f64 {
-    let highest = now + if now >= 0.0 { up } else { down };
-    let lowest = now - if now > 0.0 { down } else { up };
+fn towards(now: f64, target: f64, acceleration: f64, deceleration: f64, dt: f64) -> f64 {
+    let (lowest, highest) = (-rise(-now, acceleration, deceleration, dt), rise(now, acceleration, deceleration, dt));
     target.max(lowest).min(highest)
 }
 

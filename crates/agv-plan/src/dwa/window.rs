@@ -1,7 +1,7 @@
 //! The dynamic window: which velocities the vehicle can reach in a time, and samples of them.
 
 use agv_core::{
-    kinematics::{Motion, MotionLimits},
+    kinematics::{Motion, MotionLimits, rise},
     path::Gear,
 };
 
@@ -33,24 +33,21 @@ impl Window {
     /// ```
     pub fn new(current: &Motion, limits: &MotionLimits, time: f64, gear: Gear, cap: f64) -> Self {
         let (twist, at_most) = (&limits.twist, |limit: f64, on: bool| if on { limit.min(cap) } else { limit });
-        let (up, down) = (twist.acceleration * time, twist.deceleration * time);
+        let (up, down) = (twist.acceleration, twist.deceleration);
         let top = at_most(twist.forward_speed, gear == Gear::Forward);
         let back = at_most(twist.reverse_speed, gear == Gear::Reverse);
-        let forward = reach(current.twist.vx, up, down, (-back, top));
+        let forward = reach(current.twist.vx, up, down, time, (-back, top));
         let side = twist.lateral_speed.min(cap);
-        let lateral = if twist.lateral_speed > 0.0 && limits.steering.is_none() {
-            reach(current.twist.vy, up, down, (-side, side))
-        } else {
-            (0.0, 0.0)
-        };
+        let lateral =
+            if limits.is_holonomic() { reach(current.twist.vy, up, down, time, (-side, side)) } else { (0.0, 0.0) };
         let turn = if let Some(steering) = &limits.steering {
             let angle = steering_angle(current, limits);
-            let change = steering.max_rate * time;
-            let (low, high) = reach(angle, change, change, (-steering.max_angle, steering.max_angle));
+            let rate = steering.max_rate;
+            let (low, high) = reach(angle, rate, rate, time, (-steering.max_angle, steering.max_angle));
             (steering.curvature(low), steering.curvature(high))
         } else {
-            let change = twist.yaw_acceleration * time;
-            reach(current.twist.yaw_rate, change, change, (-twist.yaw_rate, twist.yaw_rate))
+            let change = twist.yaw_acceleration;
+            reach(current.twist.yaw_rate, change, change, time, (-twist.yaw_rate, twist.yaw_rate))
         };
         Self { forward, lateral, turn }
     }
@@ -65,10 +62,9 @@ pub(crate) fn steering_angle(current: &Motion, limits: &MotionLimits) -> f64 {
     })
 }
 
-/// What a value can become, growing by at most `up` and shrinking by at most `down`, within limits if these are in reach.
-fn reach(now: f64, up: f64, down: f64, (least, most): (f64, f64)) -> (f64, f64) {
-    let highest = now + if now >= 0.0 { up } else { down };
-    let lowest = now - if now > 0.0 { down } else { up };
+/// What a value can become in a time, its magnitude growing at `up` and shrinking at `down`, within limits if these are in reach.
+fn reach(now: f64, up: f64, down: f64, time: f64, (least, most): (f64, f64)) -> (f64, f64) {
+    let (lowest, highest) = (-rise(-now, up, down, time), rise(now, up, down, time));
     (lowest.max(least).min(highest), highest.min(most).max(lowest))
 }
 
@@ -101,9 +97,13 @@ mod tests {
     proptest! {
         /// The window's corners are what the limits allow a step of that time to reach.
         #[test]
-        fn corners_can_be_reached(vx in -0.3..1.0_f64, yaw_rate in -1.0..1.0_f64, vehicle in 0..4_usize, time in 0.05..1.0_f64) {
+        fn corners_can_be_reached(
+            vx in -0.3..1.0_f64, yaw_rate in -1.0..1.0_f64, vehicle in 0..4_usize, time in 0.05..1.0_f64,
+            acceleration in 0.2..2.0_f64, deceleration in 0.2..2.0_f64,
+        ) {
             let mut limits = laws::vehicles()[vehicle].1;
             limits.lateral_acceleration = None;
+            (limits.twist.acceleration, limits.twist.deceleration) = (acceleration, deceleration);
             let current = limits.step(&Motion::REST, &Twist2::new(vx, 0.0, yaw_rate).into(), 9.0).unwrap();
             let window = Window::new(&current, &limits, time, Gear::Forward, f64::INFINITY);
             for vx in [window.forward.0, window.forward.1] {

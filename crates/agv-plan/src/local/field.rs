@@ -37,7 +37,7 @@ pub struct FieldParams {
 }
 
 impl Default for FieldParams {
-    /// Cells of a decimetre, three times the price next to an obstacle, 0.4 m of room, and a fifth off for the last way.
+    /// Cells of a decimetre, four times the price next to an obstacle, 0.4 m of room, and a fifth off for the last way.
     fn default() -> Self {
         Self { resolution: 0.1, nearness: 3.0, room: 0.4, loyalty: 0.2 }
     }
@@ -130,7 +130,7 @@ impl NavigationField {
             }
             for price in row {
                 let room = *price - half - radius;
-                let near = (1.0 - room * per_room).max(0.0);
+                let near = (1.0 - room * per_room).clamp(0.0, 1.0);
                 *price = if room > -slack { 1.0 + nearness * near * near } else { f32::INFINITY };
             }
         }
@@ -163,7 +163,8 @@ impl NavigationField {
         let least = (1.0 - self.params.loyalty) as f32;
         let width = edge / PER_CELL * least;
         let most = edge * (1.0 + self.params.nearness as f32);
-        let buckets = (most * 1.5 / width).ceil() as usize + 3;
+        // A step leads a cell ahead; the cells that the front begins with are up to 1.5 √2 of one from the target.
+        let buckets = (most * 2.2 / width).ceil() as usize + 3;
         self.open.resize_with(buckets, Vec::new);
         self.open.iter_mut().for_each(Vec::clear);
         let Some(center) = layout.cell_at(target) else { return false };

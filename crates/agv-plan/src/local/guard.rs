@@ -11,9 +11,10 @@
 //! field-of-views*, 2012). That holds for a vehicle that does what it is told, for cycles of one length, and obstacles that are where
 //! they are said to be.
 //!
-//! There are two ways to brake, and one that is free is enough: on the arc that is being driven, all components in one
-//! proportion, which leads around whatever the arc leads around; and as hard as the limits allow, each component by itself, which is the
-//! shorter one where turning stops later than driving.
+//! There are two ways to brake: on the arc that is being driven, all components in one proportion, which leads around whatever the arc
+//! leads around; and as hard as the limits allow, each component by itself, which is the shorter one where turning stops later than
+//! driving, and runs straight on where it stops earlier. The arc is enough if it is free. Leaving it takes room besides, the more
+//! the faster the vehicle is: the turn that was given up is not had back when the next look at the obstacle shows it a little nearer.
 
 use super::{
     check_request,
@@ -32,8 +33,8 @@ use agv_core::{
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct GuardParams {
-    /// How near an obstacle the vehicle may pass without counting as touching it, in cells of the map; from 1/256 to 1. Near
-    /// obstacles the time goes with its inverse.
+    /// Tolerance of the look, in cells of the map, from 1/256 to 1: what passes an obstacle nearer than that may count as touching it.
+    /// No distance is kept by it. Near obstacles the time goes with its inverse.
     pub margin: f64,
 }
 
@@ -109,6 +110,13 @@ enum Brake {
 /// Least margin, in cells, that a map is asked for.
 const LEAST_MARGIN: f64 = 1.0 / 256.0;
 
+/// By how many seconds of driving what is known of obstacles may be wrong: times the speed it is the room that leaving the arc
+/// needs. A cell of 5 cm at 1.7 m/s.
+const DOUBT: f64 = 0.03;
+
+/// How far the vehicle goes between two looks that measure a contact, in cells.
+const LOOKS: f64 = 0.25;
+
 /// Most cycles of braking that are looked at: a vehicle that takes longer is held to break its limits.
 const MOST_CYCLES: usize = 1 << 14;
 
@@ -166,12 +174,18 @@ impl Guard {
             return Ok(on_arc);
         }
         let hard = self.sweep(request, motion, Brake::Hard, self.params.margin)?;
+        // What is promised here, `brake` must find with the room it asks for.
+        let room = room(request, &motion.twist) + LOOKS;
+        if hard.is_clear() && self.contact_speed(request, motion, Brake::Hard, room)? > 0.0 {
+            return Ok(on_arc);
+        }
         // What waits for an obstacle to pass is told from what is closed for good.
         Ok(if hard == Verdict::Blocked(BlockReason::Obstacle) { on_arc } else { hard })
     }
 
-    /// The command that begins to brake: on the present arc if that is free until rest, else as hard as allowed if that is; if
-    /// neither is, one that touches nothing of the map, else the one that touches something later.
+    /// The command that begins to brake: on the present arc if that is free until rest, else as hard as allowed if that is, with room
+    /// to spare that grows with the speed (none if the arc meets an obstacle that moves); else one that touches nothing of the map. If
+    /// there is none either, on the arc, unless braking hard touches something at less than half of the arc's speed.
     ///
     /// # Errors
     /// As [`check`](Self::check).
@@ -180,12 +194,19 @@ impl Guard {
         let current = request.state.motion();
         let brakes =
             [Brake::Arc, Brake::Hard].map(|brake| (brake, brake_step(request.limits, &current, request.dt, brake)));
+        let room = room(request, &current.twist);
         let mut waiting = None;
         for (brake, motion) in &brakes {
             // What passed a check before must not fail now because it is looked at in other places: as closely as can be.
             match self.sweep(request, motion, *brake, LEAST_MARGIN)? {
-                Verdict::Clear => return Ok(*motion),
-                Verdict::Blocked(BlockReason::Obstacle) => {}
+                Verdict::Clear
+                    if *brake == Brake::Arc
+                        || waiting.is_some()
+                        || self.contact_speed(request, motion, *brake, room)? == 0.0 =>
+                {
+                    return Ok(*motion);
+                }
+                Verdict::Clear | Verdict::Blocked(BlockReason::Obstacle) => {}
                 Verdict::Blocked(_) => {
                     waiting.get_or_insert(*motion);
                 }
@@ -195,31 +216,39 @@ impl Guard {
             return Ok(motion);
         }
         let [(arc, on_arc), (hard, hardest)] = brakes;
-        let later = self.free_time(request, &on_arc, arc)? >= self.free_time(request, &hardest, hard)?;
-        Ok(if later { on_arc } else { hardest })
+        let at_hardest = self.contact_speed(request, &hardest, hard, room)?;
+        let leave = at_hardest < 0.5 * self.contact_speed(request, &on_arc, arc, room)?;
+        Ok(if leave { hardest } else { on_arc })
     }
 
-    /// Time until the vehicle touches something of the map while it brakes, in seconds, looked at every quarter of a cell; infinite
-    /// if it does not.
-    fn free_time(&self, request: &LocalPlanRequest<'_>, motion: &Motion, brake: Brake) -> Result<f64, LocalPlanError> {
+    /// Speed of the vehicle's fastest point, in metres per second, where its outline, grown by `margin` cells, first touches
+    /// something of the map while it brakes, looked at every quarter of a cell; zero if it does not.
+    fn contact_speed(
+        &self,
+        request: &LocalPlanRequest<'_>,
+        motion: &Motion,
+        brake: Brake,
+        margin: f64,
+    ) -> Result<f64, LocalPlanError> {
         let &LocalPlanRequest { limits, dt, map, .. } = request;
+        let obstacles = map.obstacles();
         let (mut pose, mut motion) = (request.state.map_from_base, *motion);
-        for cycle in 0..MOST_CYCLES {
+        for _ in 0..MOST_CYCLES {
             if motion.twist == Twist2::ZERO {
                 break;
             }
             let reach = motion.twist.speed() + motion.twist.yaw_rate.abs() * self.footprint.circumscribed_radius();
-            let samples = (reach * dt / (0.25 * map.layout().resolution())).ceil().clamp(1.0, 1e4) as usize;
-            for i in 1..=samples {
-                let share = i as f64 / samples as f64;
-                if map.collides(&self.footprint, &pose.compose(&motion.twist.integrate(share * dt)))? {
-                    return Ok((cycle as f64 + share) * dt);
+            let samples = (reach * dt / (LOOKS * map.layout().resolution())).ceil().clamp(1.0, 1e4) as usize;
+            for i in 0..=samples {
+                let at = pose.compose(&motion.twist.integrate(dt * i as f64 / samples as f64));
+                if obstacles.collides_within(&self.footprint, &at, margin)? {
+                    return Ok(reach);
                 }
             }
             pose = pose.compose(&motion.twist.integrate(dt));
             motion = brake_step(limits, &motion, dt, brake);
         }
-        Ok(f64::INFINITY)
+        Ok(0.0)
     }
 
     /// Looks at a motion and at what braking in one way makes of it.
@@ -282,6 +311,11 @@ impl Guard {
         }
         false
     }
+}
+
+/// Room that leaving the arc needs at this speed, in cells.
+fn room(request: &LocalPlanRequest<'_>, twist: &Twist2) -> f64 {
+    DOUBT * twist.speed() / request.map.layout().resolution()
 }
 
 /// The first cycle of braking from a motion.

@@ -142,6 +142,10 @@ impl<T: PathTracker> Tracked<T> {
         Ok((self.params.look_ahead, None))
     }
 
+    fn brake(&self, request: &LocalPlanRequest<'_>, status: LocalPlanStatus) -> Result<LocalCommand, LocalPlanError> {
+        Ok(LocalCommand { motion: self.guard.brake(request)?, status })
+    }
+
     /// Whether a moving obstacle is within the outline's circle after so many seconds.
     fn meets(&self, request: &LocalPlanRequest<'_>, pose: &Se2, after: f64) -> bool {
         let reach = self.guard.footprint().circumscribed_radius();
@@ -155,26 +159,28 @@ impl<T: PathTracker> LocalPlanner for Tracked<T> {
         check_request(&request)?;
         self.take(request.path)?;
         let now = request.state.motion();
-        let brake = self.guard.brake(&request)?;
         let answer = |motion, status| Ok(LocalCommand { motion, status });
         if self.guard.touches(&request)? {
-            return answer(brake, LocalPlanStatus::InCollision);
+            return self.brake(&request, LocalPlanStatus::InCollision);
         }
         if !self.has_length {
             let end = self.path.points().last().map_or(request.state.map_from_base, |point| point.pose);
             let is_there = end.between(&request.state.map_from_base).translation().norm() < 0.1;
             let status =
                 if is_there { LocalPlanStatus::Arrived } else { LocalPlanStatus::Blocked(BlockReason::OffPath) };
-            return answer(brake, status);
+            return self.brake(&request, status);
         }
         let track = match self.tracker.command(&request.state, request.limits, request.dt) {
             Ok(track) => track,
             Err(TrackError::Invalid(error)) => return Err(error.into()),
-            Err(_) => return answer(brake, LocalPlanStatus::Blocked(BlockReason::OffPath)),
+            Err(_) => return self.brake(&request, LocalPlanStatus::Blocked(BlockReason::OffPath)),
         };
         match track.status {
-            TrackStatus::Arrived => return answer(track.motion, LocalPlanStatus::Arrived),
-            TrackStatus::OffPath => return answer(brake, LocalPlanStatus::Blocked(BlockReason::OffPath)),
+            TrackStatus::Arrived if self.guard.check(&request, &track.motion)?.is_clear() => {
+                return answer(track.motion, LocalPlanStatus::Arrived);
+            }
+            TrackStatus::Arrived => return self.brake(&request, LocalPlanStatus::Arrived),
+            TrackStatus::OffPath => return self.brake(&request, LocalPlanStatus::Blocked(BlockReason::OffPath)),
             _ => {}
         }
         let (free, in_the_way) = self.free_length(&request)?;
@@ -189,7 +195,7 @@ impl<T: PathTracker> LocalPlanner for Tracked<T> {
                 return answer(motion, LocalPlanStatus::Following);
             }
         }
-        answer(brake, LocalPlanStatus::Blocked(in_the_way.unwrap_or(BlockReason::Obstacle)))
+        self.brake(&request, LocalPlanStatus::Blocked(in_the_way.unwrap_or(BlockReason::Obstacle)))
     }
 }
 

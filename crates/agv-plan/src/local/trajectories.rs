@@ -1,7 +1,7 @@
 //! Many trajectories at once, as structure of arrays: what a sampling planner rolls out and its critics score.
 //!
 //! All are in a local frame, metres from the vehicle along the axes of the map's grid, in `f32`: small numbers, eight to a register.
-//! A step is the exact arc of its twist, `θ = ω dt` entering by the series of `sin θ / θ` and `(1 - cos θ) / θ`. The velocities follow
+//! A step is the exact arc of its twist, `θ = ω dt` entering by the series of `sin θ / θ` and `(1 - cos θ) / θ`, good for `|θ| <= 1`. The velocities follow
 //! ramps: each component goes from what it is to its target as fast as the limits allow, so that what is rolled out is what the
 //! vehicle would do; a target within one step of the present velocity gives a plain arc.
 //!
@@ -12,9 +12,9 @@ mod kernel;
 
 use agv_core::{
     geometry::{LieGroup, Se2, Twist2},
-    grid::{Cell, Footprint, LocalMap, Revision},
+    grid::{Cell, Footprint, LocalMap},
     kinematics::MotionLimits,
-    obstacle::MovingObstacle,
+    obstacle::{Hull, MovingObstacle},
     roles::VehicleState,
 };
 use kernel::{GridFrame, Ramps, advance, count_free, place};
@@ -40,9 +40,6 @@ pub struct Trajectories {
     pub(crate) clearance: Vec<f32>,
     free: Vec<u32>,
     index: Vec<u32>,
-    /// The distance field as it was taken, with one entry more for all that lies outside.
-    field: Vec<f32>,
-    seen: Option<Revision>,
     circles: Vec<[f32; 3]>,
     /// Cosine and sine of the heading at the beginning.
     heading: (f32, f32),
@@ -150,7 +147,6 @@ impl Trajectories {
         let of_circle = |(center, radius): (Vector2<f64>, f64)| [center.x as f32, center.y as f32, radius as f32];
         self.circles.extend(footprint.covering_circles().map(of_circle));
         self.move_all(state, limits);
-        self.take_field(map);
         self.look_up(map);
     }
 
@@ -204,18 +200,6 @@ impl Trajectories {
         }
     }
 
-    /// Copies the distance field if it is new.
-    fn take_field(&mut self, map: &LocalMap) {
-        if self.seen.as_ref() == Some(map.revision()) {
-            return;
-        }
-        self.seen = Some(map.revision().clone());
-        let obstacles = map.obstacles();
-        self.field.clear();
-        self.field.extend_from_slice(obstacles.distance().values());
-        self.field.push(if obstacles.params().outside_is_obstacle { 0.0 } else { f32::MAX });
-    }
-
     fn look_up(&mut self, map: &LocalMap) {
         let layout = map.layout();
         let per_metre = (1.0 / layout.resolution()) as f32;
@@ -226,12 +210,13 @@ impl Trajectories {
         // An obstacle reaches half a cell farther than its centre.
         let half = (0.5 * layout.resolution()) as f32;
         let (stride, steps) = (self.stride, self.steps);
+        let (field, beyond) = (map.obstacles().distance().values(), beyond(map));
         for step in 0..steps {
             let at = step * stride..(step + 1) * stride;
             let (x, y) = (&self.x[at.clone()], &self.y[at.clone()]);
             let (cos, sin) = (&self.cos[at.clone()], &self.sin[at.clone()]);
             let clearance = &mut self.clearance[at];
-            let (index, field) = (&mut self.index[..stride], self.field.as_slice());
+            let index = &mut self.index[..stride];
             clearance.fill(f32::MAX);
             for &[ahead, left, radius] in &self.circles {
                 self.arch.dispatch(
@@ -240,8 +225,8 @@ impl Trajectories {
                 );
                 let reach = radius + half;
                 for (clearance, &index) in clearance.iter_mut().zip(&*index) {
-                    let distance = field.get(index as usize).map_or(0.0, |&distance| distance - reach);
-                    *clearance = clearance.min(distance);
+                    let distance = field.get(index as usize).copied().unwrap_or(beyond);
+                    *clearance = clearance.min(distance - reach);
                 }
             }
         }
@@ -255,11 +240,12 @@ impl Trajectories {
         let layout = map.layout();
         let (per_metre, half) = ((1.0 / layout.resolution()) as f32, (0.5 * layout.resolution()) as f32);
         let (cos, sin) = self.heading;
+        let (field, beyond) = (map.obstacles().distance().values(), beyond(map));
         let of_circle = |&[ahead, left, radius]: &[f32; 3]| {
             let column = (cos * ahead - sin * left) * per_metre + origin.x;
             let row = (sin * ahead + cos * left) * per_metre + origin.y;
             let index = layout.index(Cell::new(column.floor() as i32, row.floor() as i32)).unwrap_or(layout.len());
-            self.field.get(index).map_or(0.0, |distance| distance - radius - half)
+            field.get(index).copied().unwrap_or(beyond) - radius - half
         };
         self.circles.iter().map(of_circle).fold(f32::MAX, f32::min)
     }
@@ -290,6 +276,9 @@ impl Trajectories {
             let velocity: Vector2<f32> = self.map_from_local.rotation().inverse().act(&obstacle.velocity).cast();
             let position = self.to_local(&obstacle.position);
             let vertices = obstacle.hull.vertices();
+            if vertices.len() > 2 {
+                self.meet_inside(obstacle);
+            }
             let pairs = vertices.iter().zip(vertices.iter().cycle().skip(1)).take(if vertices.len() == 2 {
                 1
             } else {
@@ -321,11 +310,45 @@ impl Trajectories {
         self.count_free();
     }
 
+    /// Takes in who is within the outline of an obstacle, left of all its edges: as deep as the nearest of them is far.
+    fn meet_inside(&mut self, obstacle: &MovingObstacle) {
+        let rotation = self.map_from_local.rotation().inverse();
+        let velocity: Vector2<f32> = rotation.act(&obstacle.velocity).cast();
+        let position = self.to_local(&obstacle.position);
+        let vertices = obstacle.hull.vertices();
+        // A point of each edge, and the way to its left.
+        let mut edges = [(Vector2::<f32>::zeros(), Vector2::<f32>::zeros()); Hull::MAX_VERTICES];
+        for (edge, (from, to)) in edges.iter_mut().zip(vertices.iter().zip(vertices.iter().cycle().skip(1))) {
+            let along = (to - from) / (to - from).norm();
+            *edge = (rotation.act(from).cast(), rotation.act(&Vector2::new(-along.y, along.x)).cast());
+        }
+        let edges = &edges[..vertices.len()];
+        for step in 0..self.steps {
+            let origin = position + velocity * ((step + 1) as f32 * self.dt as f32);
+            for i in step * self.stride..(step + 1) * self.stride {
+                for &[ahead, left, radius] in &self.circles {
+                    let dx = self.x[i] + self.cos[i] * ahead - self.sin[i] * left - origin.x;
+                    let dy = self.y[i] + self.sin[i] * ahead + self.cos[i] * left - origin.y;
+                    let to_left = edges.iter().map(|(from, left)| (dx - from.x) * left.x + (dy - from.y) * left.y);
+                    let depth = to_left.fold(f32::INFINITY, f32::min);
+                    if depth > 0.0 {
+                        self.clearance[i] = self.clearance[i].min(-depth - radius - obstacle.radius as f32);
+                    }
+                }
+            }
+        }
+    }
+
     /// Twist that trajectory `i` aims at.
     pub(crate) fn target_twist(&self, i: usize, steers: bool) -> Twist2 {
         let [vx, vy, turn] = self.target(i).map(f64::from);
         Twist2::new(vx, vy, if steers { turn * vx } else { turn })
     }
+}
+
+/// Distance to the nearest obstacle of what lies off the map.
+fn beyond(map: &LocalMap) -> f32 {
+    if map.obstacles().params().outside_is_obstacle { 0.0 } else { f32::MAX }
 }
 
 /// One step of all trajectories.

@@ -111,8 +111,9 @@ impl Band {
         true
     }
 
-    /// Cuts intervals that are longer than `spacing` metres or turn by more than `turn` radians, and joins those that are shorter
-    /// than half of that, so that obstacles are not passed between two poses. First and last pose stay.
+    /// Cuts intervals that are more than 1.4 times as long as `spacing` metres, or turn by more than 1.4 times `turn` radians, into
+    /// even parts, 64 at the most; and joins one that is shorter than half of both to the next where that is no longer than 1.3
+    /// times. First and last pose stay.
     pub(super) fn resize(&mut self, spacing: f64, turn: f64, scratch: &mut Vec<[f64; 4]>) {
         scratch.clear();
         let size =

@@ -24,8 +24,8 @@ const TURN_FROM: f64 = 1.2;
 const TURN_TO: f64 = 0.2;
 /// Cycles between explorations of other ways while the present one is free.
 const EXPLORE_EVERY: u32 = 10;
-/// Shares of the speed that are tried, if the whole leads into something.
-const SPEED_SHARES: [f64; 4] = [1.0, 0.6, 0.35, 0.2];
+/// Shares of the greatest speeds that are tried, if what was rolled out may not be begun.
+const SPEED_SHARES: [f64; 3] = [0.5, 0.3, 0.15];
 /// How far from the band a vehicle may be for the band to go on, in metres.
 const REACH: f64 = 0.5;
 
@@ -40,7 +40,7 @@ impl Teb {
     ) -> Result<(Choice, LocalPlanStatus), LocalPlanError> {
         let params = &self.params;
         let ground = Ground::new(params, &self.circles, request, gear);
-        let holonomic = ground.is_holonomic();
+        let holonomic = ground.limits.is_holonomic();
         let stops = sample(&self.course, request, &ground, progress, &self.points, &mut self.samples);
         if self.samples.len() < 2 {
             self.brake(request)?;
@@ -132,22 +132,23 @@ impl Teb {
         let task = Task { request, footprint: &params.footprint, ground };
         let slot = &mut slots[best];
         let mut verdict = Verdict::Clear;
-        for share in SPEED_SHARES {
+        for share in std::iter::once(None).chain(SPEED_SHARES.map(Some)) {
+            if let Some(share) = share {
+                slot.line.slow_down(share, &task.ground);
+                slot.rollout.follow(&task, &slot.line)?;
+            }
             let Some(motion) = slot.rollout.first() else { break };
             let begins_freely = slot.rollout.touch().is_none_or(|_| slot.rollout.trajectory().len() > 1);
             verdict = guard.check_trusted(request, &motion)?;
             if verdict.is_clear() && begins_freely {
                 let reason = slot.rollout.blocked().or(slot.line.stopped());
-                let rests = motion.twist == Twist2::ZERO && request.state.twist == Twist2::ZERO;
+                // An estimate of a vehicle at rest is hardly ever zero.
                 let status = match reason {
-                    Some(reason) if rests => LocalPlanStatus::Blocked(reason),
+                    Some(reason) if motion.twist == Twist2::ZERO => LocalPlanStatus::Blocked(reason),
                     _ => LocalPlanStatus::Following,
                 };
                 return Ok((Choice::Follow(best), status));
             }
-            let stop = slot.line.length();
-            slot.line.plan_stop(stop, 0.5 * share, &task.ground);
-            slot.rollout.follow(&task, &slot.line)?;
         }
         let reason = match verdict {
             Verdict::Blocked(reason) => reason,

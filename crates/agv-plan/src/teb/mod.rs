@@ -6,7 +6,7 @@
 //! ```
 //!
 //! Every residual ([`edges`]) ties up to three poses that follow each other and the times between them, so that the normal
-//! equations have a band of eleven entries and a step of Levenberg and Marquardt's costs a microsecond a pose.
+//! equations have a band of eleven entries and the time of a step of Levenberg and Marquardt's grows with the number of poses only.
 //!
 //! The residuals are soft, and a band alone breaks limits by as much as it pays. What [`Teb`] returns is therefore not the band but
 //! a [`Rollout`]: the ideal vehicle that follows it, cycle by cycle, with motions that

@@ -15,6 +15,7 @@ use agv_core::{
     Error, check,
     compute::Par,
     geometry::{Twist2, angle_difference},
+    kinematics::Motion,
     path::{Course, Gear, Leg, Path, PathPoint},
     roles::{BlockReason, LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner, VehicleState},
     trajectory::Trajectory,
@@ -23,7 +24,7 @@ use nalgebra::Vector2;
 
 /// A timed elastic band that plays [`LocalPlanner`].
 ///
-/// It follows the path as far as its horizon, on the shortest side of what blocks it, and stays on that side while it can. The
+/// It follows the path as far as its horizon, on the quickest side of what blocks it, and stays on that side while it can. The
 /// band of a cycle goes on from the last one's. A vehicle that turns on the spot does so where the path leads away behind it, and
 /// at turns of the path; one that steers keeps its turning circle, and drives backwards where the path says so.
 ///
@@ -69,6 +70,8 @@ pub struct Teb {
     pub(super) course: Course,
     /// The path that the course was made of.
     pub(super) points: Vec<PathPoint>,
+    /// The way to a path of one place.
+    pub(super) straight: Path,
     pub(super) via: Vec<Vector2<f64>>,
     pub(super) rotation: f64,
     pub(super) samples: Vec<Sample>,
@@ -94,7 +97,7 @@ pub struct TebPlan<'a> {
     pub command: LocalCommand,
     /// The motion that begins with the command and ends at rest.
     pub trajectory: &'a Trajectory,
-    /// Whether that leads all the way and touches nothing.
+    /// Whether that touches nothing and leads all the way, or as far as a thousand cycles do.
     pub is_free: bool,
     /// The band that it follows; none while the vehicle turns or stops.
     pub band: Option<&'a Band>,
@@ -131,6 +134,7 @@ impl Teb {
             circles,
             course: Course::new(0.5),
             points: Vec::new(),
+            straight: Path::new(),
             via: Vec::new(),
             rotation: 0.0,
             samples: Vec::new(),
@@ -231,16 +235,17 @@ impl Teb {
         self.points.extend_from_slice(path.points());
         if self.course.set(path).is_err() {
             // One place only: the way there is straight.
-            let mut straight = Path::new();
+            let straight = &mut self.straight;
+            straight.clear();
             if let Some(goal) = path.points().last() {
                 let from = PathPoint { pose: state.map_from_base, gear: Gear::Forward };
                 straight.push(from)?;
                 straight.push(*goal)?;
-                if self.course.set(&straight).is_err() {
+                if self.course.set(straight).is_err() {
                     straight.clear();
                     straight.push(*goal)?;
                     straight.push_turn(goal.pose.yaw() + 0.5 * self.params.yaw_tolerance.min(1.0))?;
-                    self.course.set(&straight)?;
+                    self.course.set(straight)?;
                 }
             }
         }
@@ -256,6 +261,9 @@ impl Teb {
     ) -> Result<(Choice, LocalPlanStatus), LocalPlanError> {
         let state = &request.state;
         let at = state.map_from_base.translation();
+        // An estimate of a vehicle at rest is hardly ever zero: it rests if it can within the cycle.
+        let braked = request.limits.step_checked(&state.motion(), &Motion::REST, request.dt).twist;
+        let (stands, rests) = (braked.speed() == 0.0, braked == Twist2::ZERO);
         // Every round but the last goes on to the next section.
         loop {
             match self.course.leg() {
@@ -263,7 +271,7 @@ impl Teb {
                     let left = angle_difference(yaw, state.map_from_base.yaw()).abs();
                     let turns = request.limits.turns_on_the_spot();
                     let there = !turns || left <= 0.5 * self.params.yaw_tolerance;
-                    if there && state.twist == Twist2::ZERO {
+                    if there && rests {
                         if self.course.next_section() {
                             continue;
                         }
@@ -287,19 +295,18 @@ impl Teb {
                     let (distance, left) = ((goal - at).norm(), end - place.arc_length);
                     let tolerance = self.params.position_tolerance;
                     let near = distance <= 0.1 * tolerance || (left <= 0.2 * tolerance && distance <= 0.9 * tolerance);
-                    if near && state.twist == Twist2::ZERO {
+                    if near && rests && self.course.next_section() {
                         self.last.clear();
-                        if self.course.next_section() {
-                            continue;
-                        }
-                        // It may have come from aside.
+                        continue;
+                    }
+                    if near && stands && self.course.is_last_section() {
+                        self.last.clear();
+                        // It may have come from aside, and may be turning already.
                         let last = self.points.last().map_or(0.0, |point| point.pose.yaw());
                         let left = angle_difference(last, state.map_from_base.yaw()).abs();
                         if request.limits.turns_on_the_spot() && left > 0.8 * self.params.yaw_tolerance {
                             return self.turn_to(request, last, LocalPlanStatus::Following);
                         }
-                        self.brake(request)?;
-                        return Ok((Choice::Hold, LocalPlanStatus::Arrived));
                     }
                     if near {
                         self.brake(request)?;

@@ -46,11 +46,6 @@ const ROTATING: usize = 3;
 pub(super) const HALF_BANDWIDTH: usize = 10;
 
 impl Problem<'_> {
-    /// Whether the vehicle can move to the side.
-    pub(super) fn is_holonomic(&self) -> bool {
-        self.limits.twist.lateral_speed > 0.0 && self.limits.steering.is_none()
-    }
-
     /// Says all residuals, pose by pose.
     fn walk(&self, band: &Band, state: &Stages<'_>, out: &mut Sums<'_>) {
         let (w, unknowns) = (&self.params.weights, band.unknowns());
@@ -62,12 +57,12 @@ impl Problem<'_> {
         let rolling = NonHolonomic { weight: w.kinematics };
         let radius = TurningRadius { max_curvature: self.limits.max_curvature(), weight: w.turning_radius };
         let acceleration = Acceleration::new(self.limits, share, w.acceleration);
-        let wheelbase = self.limits.steering.map(|steering| share * steering.max_rate / steering.wheelbase);
-        let steering = wheelbase.map(|curvature_rate| SteeringRate { curvature_rate, weight: w.acceleration });
+        let curvature_rate = self.limits.steering.map(|steering| share * steering.max_rate / steering.wheelbase);
+        let steering = curvature_rate.map(|curvature_rate| SteeringRate { curvature_rate, weight: w.acceleration });
         let clear =
             Clearance { map: self.map, circles: self.circles, clearance: self.params.clearance, weight: w.obstacle };
         let cautious = self.cautious();
-        let holonomic = self.is_holonomic();
+        let holonomic = self.limits.is_holonomic();
         let heading = |i: usize| {
             let yaw = unknowns.get(4 * i + 2).copied().unwrap_or(0.0);
             (yaw, Direction::of(yaw))

@@ -29,10 +29,10 @@ pub struct Rollout {
     rests: bool,
 }
 
-/// Where a roll-out ended early.
+/// Where a roll-out ended early, and why.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Touch {
-    /// How far along its line the vehicle was before the motion that touches something, in metres.
+    /// How far along its line the vehicle was before the motion that touches something, or where it came to rest; in metres.
     pub(super) arc_length: f64,
     pub(super) reason: BlockReason,
 }
@@ -45,8 +45,11 @@ pub(super) struct Task<'a> {
     pub(super) ground: Ground<'a>,
 }
 
-/// Most cycles of a roll-out.
+/// Most cycles of a roll-out before it brakes.
 const MOST_STEPS: usize = 1000;
+
+/// Most cycles of a roll-out until rest.
+const MOST_CYCLES: usize = 1 << 14;
 
 /// Distance from the end, in metres, and angle, in radians, at which the vehicle stops rather than creep.
 const AT_END: f64 = 2e-3;
@@ -66,7 +69,7 @@ impl Rollout {
         &self.trajectory
     }
 
-    /// What the vehicle would touch, if the roll-out ends there.
+    /// Why the roll-out ends early, if it does: what the vehicle would touch, or that its limits let it go no farther.
     pub fn blocked(&self) -> Option<BlockReason> {
         self.touches.map(|touch| touch.reason)
     }
@@ -85,16 +88,17 @@ impl Rollout {
         self.trajectory.points().first().map(|point| point.motion)
     }
 
-    /// Follows a line whose speeds were planned.
+    /// Follows a line whose speeds were planned to its stop, or as far as it comes in some cycles.
     pub(super) fn follow(&mut self, task: &Task<'_>, line: &Line) -> Result<(), Error> {
         let ground = &task.ground;
         let dt = task.request.dt;
         let mut place = line.nearest(&task.request.state.map_from_base.translation(), 0);
+        let mut stalled = None;
         self.run(task, |state| {
             let from = place.map_or(0, |place| place.segment);
             place = line.nearest(&state.map_from_base.translation(), from);
             let place = place?;
-            let left = line.length() - place.arc_length;
+            let left = line.stop() - place.arc_length;
             let arc_length = place.arc_length;
             if left <= AT_END {
                 return None;
@@ -105,15 +109,21 @@ impl Rollout {
             let end = stopping_speed(left, deceleration, dt);
             let speed = line.speed_at(&half_way).min(end);
             if speed <= 1e-3 && state.twist.speed() <= 1e-3 {
+                stalled = Some(arc_length);
                 return None;
             }
-            let target = if ground.is_holonomic() {
+            let target = if ground.limits.is_holonomic() {
                 holonomic_target(line, &place, &half_way, state, speed)
             } else {
                 arc_target(ground, line, &place, &half_way, state, speed)
             };
             Some((target, arc_length))
-        })
+        })?;
+        // A stop for a reason is told by that reason.
+        if let (Some(arc_length), None, None) = (stalled, self.touches, line.stopped()) {
+            self.touches = Some(Touch { arc_length, reason: BlockReason::Limits });
+        }
+        Ok(())
     }
 
     /// Turns on the spot to a heading, by the side that `side` says.
@@ -154,9 +164,9 @@ impl Rollout {
         let (dt, limits) = (task.request.dt, task.request.limits);
         let mut state = task.request.state;
         let (mut driving, mut arc_length) = (true, 0.0);
-        for step in 0..MOST_STEPS {
+        for step in 0..MOST_CYCLES {
             let time = step as f64 * dt;
-            let target = if driving { policy(&state) } else { None };
+            let target = if driving && step < MOST_STEPS { policy(&state) } else { None };
             driving = target.is_some();
             if let Some((_, at)) = target {
                 arc_length = at;
@@ -175,6 +185,7 @@ impl Rollout {
             }
             state = state.after(&motion, dt);
         }
+        self.touches = Some(Touch { arc_length, reason: BlockReason::Limits });
         Ok(())
     }
 }
@@ -238,4 +249,69 @@ fn holonomic_target(line: &Line, place: &Place, ahead: &Place, state: &VehicleSt
     let askew = angle_difference(place.yaw, state.map_from_base.yaw());
     let yaw_rate = line.curvature_at(ahead) * speed + PER_SECOND * askew;
     Twist2::new(velocity.x * cos + velocity.y * sin, velocity.y * cos - velocity.x * sin, yaw_rate).into()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::teb::TebParams;
+    use agv_core::{
+        grid::{CellState, Costmap, Grid, GridLayout, LocalMap, LocalMapParams},
+        kinematics::TwistLimits,
+        path::Path,
+    };
+    use nalgebra::Vector2;
+
+    /// Follows a straight line of 4 m from rest at its beginning, whose speeds `plan` has set.
+    fn follow(limits: &MotionLimits, dt: f64, plan: impl FnOnce(&mut Line, &Ground<'_>)) -> (Line, Rollout) {
+        let layout = GridLayout::new(120, 40, 0.05, Se2::default()).unwrap();
+        let map = Grid::filled(layout, CellState::Free);
+        let map = LocalMap::new(&Costmap::from_map(&map), LocalMapParams::default()).unwrap();
+        let footprint = Footprint::circle(0.2).unwrap();
+        let params = TebParams::for_footprint(footprint.clone());
+        let path = Path::from_positions(&[Vector2::new(1.0, 1.0), Vector2::new(5.0, 1.0)]).unwrap();
+        let state = VehicleState::new(Se2::new(1.0, 1.0, 0.0), Twist2::ZERO);
+        let request = LocalPlanRequest { state, path: &path, map: &map, obstacles: &[], limits, dt };
+        let ground = Ground::new(&params, &[], &request, 1.0);
+        let band: Vec<_> = (0..=10).map(|i| [1.0 + 0.4 * f64::from(i), 1.0, 0.0, 1.0]).collect();
+        let (mut line, mut rollout) = (Line::default(), Rollout::default());
+        line.set(&band, &ground, false);
+        plan(&mut line, &ground);
+        rollout.follow(&Task { request: &request, footprint: &footprint, ground }, &line).unwrap();
+        (line, rollout)
+    }
+
+    fn end(rollout: &Rollout) -> f64 {
+        rollout.trajectory().points().last().unwrap().map_from_base.x()
+    }
+
+    /// Between two poses of the band, too; and one who drives more slowly stops at the same place for the same reason.
+    #[test]
+    fn a_line_is_driven_to_its_stop() {
+        for share in [None, Some(0.5), Some(0.15)] {
+            let (line, rollout) = follow(&MotionLimits::default(), 0.1, |line, ground| {
+                line.stop_at(1.5, Some(BlockReason::MovingObstacle), ground);
+                if let Some(share) = share {
+                    line.slow_down(share, ground);
+                }
+            });
+            assert!(rollout.is_free() && (end(&rollout) - 2.5).abs() < 5e-3, "{share:?}: {}", end(&rollout));
+            assert_eq!(line.stopped(), Some(BlockReason::MovingObstacle));
+        }
+    }
+
+    #[test]
+    fn a_way_longer_than_a_roll_out_is_free_as_far_as_that_leads() {
+        let limits = TwistLimits { forward_speed: 0.1, ..TwistLimits::default() }.into();
+        let (_, rollout) = follow(&limits, 0.02, |line, ground| line.plan_stop(line.length(), 1.0, ground));
+        assert!(rollout.is_free() && rollout.trajectory().len() > MOST_STEPS);
+        assert!((2.8..3.1).contains(&end(&rollout)), "{}", end(&rollout));
+    }
+
+    #[test]
+    fn a_way_that_the_limits_do_not_let_the_vehicle_go_is_not_free() {
+        let limits = TwistLimits { forward_speed: 0.0, ..TwistLimits::default() }.into();
+        let (_, rollout) = follow(&limits, 0.1, |line, ground| line.plan_stop(line.length(), 1.0, ground));
+        assert_eq!((rollout.is_free(), rollout.blocked()), (false, Some(BlockReason::Limits)));
+    }
 }

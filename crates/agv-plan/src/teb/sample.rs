@@ -10,6 +10,8 @@ use std::f64::consts::PI;
 
 /// Distance of a goal nearby, in spacings of the band.
 const NEARBY: f64 = 4.0;
+/// Most spacings of a horizon, however long the vehicle takes to brake.
+const MOST_SAMPLES: f64 = 10_000.0;
 
 /// Samples the present section as far as the horizon; says whether the last one is the section's end, where the vehicle stops.
 pub(super) fn sample(
@@ -21,10 +23,10 @@ pub(super) fn sample(
     samples: &mut Vec<Sample>,
 ) -> bool {
     let (params, twist) = (ground.params, &ground.limits.twist);
-    let holonomic = ground.is_holonomic();
+    let holonomic = ground.limits.is_holonomic();
     let end = course.section_end();
     let braking = 0.5 * twist.forward_speed.powi(2) / (params.acceleration_share * twist.deceleration);
-    let horizon = params.horizon.max(1.2 * braking);
+    let horizon = params.horizon.max(1.2 * braking).min(MOST_SAMPLES * params.spacing);
     samples.clear();
     let pose = request.state.map_from_base;
     samples.push(Sample { position: pose.translation(), yaw: pose.yaw(), direction: pose.yaw() });

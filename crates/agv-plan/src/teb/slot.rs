@@ -74,7 +74,7 @@ pub(super) fn begin(
         // Along its own line, if that is not the path; the ends as they are given.
         let line = place(i + 1).zip(i.checked_sub(1).and_then(place)).map(|(b, a)| b - a);
         let yaw = match line {
-            Some(line) if aside.is_some() && i < last && !ground.is_holonomic() && line.norm() > 1e-6 => {
+            Some(line) if aside.is_some() && i < last && !ground.limits.is_holonomic() && line.norm() > 1e-6 => {
                 line.y.atan2(line.x) + if ground.gear < 0.0 { PI } else { 0.0 }
             }
             _ => sample.yaw,

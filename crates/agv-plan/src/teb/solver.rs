@@ -17,7 +17,7 @@ pub struct BandReport {
     pub converged: bool,
 }
 
-/// Bends bands; keeps its memory. Each step costs some microseconds per ten poses.
+/// Bends bands; keeps its memory. The time of a step is proportional to the number of poses.
 #[derive(Debug, Clone, Default)]
 pub struct BandSolver {
     matrix: BandedMatrix,

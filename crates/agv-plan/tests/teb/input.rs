@@ -1,7 +1,7 @@
 //! What cannot be planned is said, and the same request has the same answer.
 
 use super::{
-    scenes::{cylinders, disc, footprint, hall, local, path_through},
+    scenes::{cylinders, disc, footprint, hall, local, path_through, wall},
     worlds::barn_limits,
 };
 use agv_core::{
@@ -56,10 +56,10 @@ fn bad_requests_have_a_typed_answer() {
     let empty = Path::new();
     assert_eq!(teb().command(LocalPlanRequest { path: &empty, ..good }), Err(LocalPlanError::EmptyPath));
 
-    // Limits that let nothing move: it stands, and says something.
+    // Limits that let nothing move: it stands, and says why.
     let zero = TwistLimits { forward_speed: 0.0, reverse_speed: 0.0, yaw_rate: 0.0, ..TwistLimits::default() };
     let command = teb().command(LocalPlanRequest { limits: &zero.into(), ..good }).unwrap();
-    assert_eq!(command.motion.twist, Twist2::ZERO);
+    assert_eq!((command.motion.twist, command.status), (Twist2::ZERO, LocalPlanStatus::Blocked(BlockReason::Limits)));
 
     let inside = VehicleState { map_from_base: Se2::new(6.9, 3.0, 0.0), ..state };
     let command = teb().command(LocalPlanRequest { state: inside, ..good }).unwrap();
@@ -83,6 +83,48 @@ fn bad_requests_have_a_typed_answer() {
     let params = TebParams { horizon: 0.0, ..TebParams::for_footprint(Footprint::point()) };
     assert!(Teb::new(params).is_err());
     assert!(teb().set_via_points(&[Vector2::new(f64::NAN, 0.0)]).is_err() && teb().prefer_rotation(f64::NAN).is_err());
+}
+
+/// A way that takes longer than a roll-out lasts is driven all the same.
+#[test]
+fn slow_vehicles_drive() {
+    let map = local(&hall(9.0, 6.0));
+    let path = Path::from_positions(&[Vector2::new(1.0, 3.0), Vector2::new(8.0, 3.0)]).unwrap();
+    let limits = TwistLimits { forward_speed: 0.1, ..TwistLimits::default() }.into();
+    let mut state = VehicleState::new(Se2::new(1.0, 3.0, 0.0), Twist2::ZERO);
+    let mut teb = teb();
+    for _ in 0..300 {
+        let request = LocalPlanRequest { state, path: &path, map: &map, obstacles: &[], limits: &limits, dt: 0.02 };
+        let command = teb.command(request).unwrap();
+        assert_eq!(command.status, LocalPlanStatus::Following);
+        state = state.after(&command.motion, 0.02);
+    }
+    assert!(state.map_from_base.x() > 1.5, "{state:?}");
+}
+
+/// An estimate of a vehicle that stands is some tenths of a millimetre per second off.
+#[test]
+fn a_vehicle_at_rest_is_known_by_a_noisy_estimate() {
+    let mut costmap = hall(9.0, 6.0);
+    disc(&mut costmap, Vector2::new(5.0, 3.0), 0.4);
+    wall(&mut costmap, 5.0, (9.0, 9.0));
+    let (map, limits) = (local(&costmap), barn_limits());
+    for (goal, ends) in [(3.0, LocalPlanStatus::Arrived), (8.0, LocalPlanStatus::Blocked(BlockReason::Obstacle))] {
+        let path = Path::from_positions(&[Vector2::new(1.0, 3.0), Vector2::new(goal, 3.0)]).unwrap();
+        let (mut teb, mut said) = (teb(), LocalPlanStatus::Following);
+        let mut state = VehicleState::new(Se2::new(1.0, 3.0, 0.0), Twist2::ZERO);
+        for cycle in 0..400 {
+            let noise = if cycle % 2 == 0 { 3e-4 } else { -3e-4 };
+            let twist = Twist2::new(state.twist.vx + noise, 0.0, state.twist.yaw_rate + noise);
+            let seen = VehicleState { twist, ..state };
+            let request =
+                LocalPlanRequest { state: seen, path: &path, map: &map, obstacles: &[], limits: &limits, dt: 0.05 };
+            let command = teb.command(request).unwrap();
+            said = command.status;
+            state = state.after(&command.motion, 0.05);
+        }
+        assert_eq!((said, state.twist), (ends, Twist2::ZERO), "{state:?}");
+    }
 }
 
 /// Drives until it rests and says that it arrived or is blocked.

@@ -8,7 +8,9 @@ mod series;
 pub use scene::Scene;
 pub use series::TimeSeries;
 
+use agv_core::nalgebra::Vector2;
 use plotters::style::RGBColor;
+use std::f64::consts::TAU;
 
 /// Colours that people with any colour vision tell apart (M. Okabe and K. Ito, *Color Universal Design*, 2008).
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -37,4 +39,13 @@ impl Color {
             Self::Grey => RGBColor(120, 124, 130),
         }
     }
+}
+
+/// A circle as a closed line of 24 pieces.
+pub fn circle(center: &Vector2<f64>, radius: f64) -> impl Iterator<Item = Vector2<f64>> + use<> {
+    let center = *center;
+    (0..=24).map(move |k| {
+        let (sin, cos) = (f64::from(k) / 24.0 * TAU).sin_cos();
+        center + radius * Vector2::new(cos, sin)
+    })
 }

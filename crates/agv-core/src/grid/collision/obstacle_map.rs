@@ -135,6 +135,16 @@ impl ObstacleMap {
         Ok(self.touches(footprint, map_from_base, 0.0))
     }
 
+    /// As [`collides`](Self::collides), of the footprint grown by `margin` cells.
+    ///
+    /// # Errors
+    /// As [`collides`](Self::collides), and a margin that is negative or not finite.
+    pub fn collides_within(&self, footprint: &Footprint, map_from_base: &Se2, margin: f64) -> Result<bool, Error> {
+        self.check_pose(map_from_base)?;
+        let margin = check::non_negative("margin", margin)?;
+        Ok(self.touches(footprint, map_from_base, margin))
+    }
+
     /// Whether the vehicle touches an obstacle while it moves at a constant twist for `dt` seconds, both ends included.
     ///
     /// Nothing it touches is missed, however thin; see the module's head for what may count that it only passes.

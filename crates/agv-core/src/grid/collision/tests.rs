@@ -192,3 +192,18 @@ fn bad_input_is_named() {
     assert!(checker.collides_between(&here, &Se2::new(0.0, f64::INFINITY, 0.0)).is_err());
     assert_eq!(checker.collides_along(&here, &still, 1.0), Ok(false));
 }
+
+#[test]
+fn a_margin_grows_the_outline() {
+    let layout = GridLayout::new(100, 40, 0.05, Se2::default()).unwrap();
+    let mut map = Grid::filled(layout, CellState::Free);
+    map.set(Cell::new(60, 20), CellState::Occupied);
+    let obstacles = ObstacleMap::new(&map, CollisionParams::default(), None).unwrap();
+    // The cell's edge is at 3 m: 0.12 m, or 2.4 cells, before the outlines.
+    for outline in [Footprint::circle(0.3).unwrap(), Footprint::rectangle(-0.3, 0.3, 0.4).unwrap()] {
+        let pose = Se2::new(2.58, 1.025, 0.0);
+        let within = |margin: f64| obstacles.collides_within(&outline, &pose, margin);
+        assert_eq!([0.0, 2.3, 2.5].map(within), [Ok(false), Ok(false), Ok(true)]);
+        assert!([-1.0, f64::NAN, f64::INFINITY].into_iter().all(|bad| within(bad).is_err()));
+    }
+}

@@ -179,6 +179,13 @@ fn a_double_ackermann_vehicle_turns_on_half_the_radius() {
 }
 
 #[test]
+fn a_vehicle_that_steers_an_axle_is_not_holonomic() {
+    let free: MotionLimits = TwistLimits { lateral_speed: 0.3, ..TwistLimits::default() }.into();
+    let steered = MotionLimits { steering: Some(SteeringLimits::default()), ..free };
+    assert!(free.is_holonomic() && !steered.is_holonomic() && !MotionLimits::default().is_holonomic());
+}
+
+#[test]
 fn bad_input_is_refused() {
     let good = MotionLimits { steering: Some(SteeringLimits::default()), ..TwistLimits::default().into() };
     let rest = Motion::REST;

@@ -13,6 +13,26 @@ struct Stored {
     views: Views,
 }
 
+impl Stored {
+    /// What a tracker makes sure of by itself: identities rise and are never given again, and nothing was seen in the future.
+    fn check(&self) -> Result<(), Error> {
+        let Some(now) = self.now else {
+            return if self.tracks.is_empty() { Ok(()) } else { Err(Error::Empty { name: "time of the tracks" }) };
+        };
+        let mut least = 0;
+        for track in &self.tracks {
+            track.check(now)?;
+            let id = track.id.0;
+            if id < least || id >= self.next_id {
+                let (min, max) = (least as f64, self.next_id as f64);
+                return Err(Error::OutOfRange { name: "track id", value: id as f64, min, max });
+            }
+            least = id.saturating_add(1);
+        }
+        self.views.check(now)
+    }
+}
+
 impl serde::Serialize for ObstacleTracker {
     fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
         let stored = Stored {
@@ -38,6 +58,7 @@ impl TryFrom<Stored> for ObstacleTracker {
 
     fn try_from(stored: Stored) -> Result<Self, Error> {
         let mut tracker = Self::new(stored.params)?;
+        stored.check()?;
         tracker.obstacles.extend(stored.tracks.iter().filter(|track| track.moving).map(Track::obstacle));
         tracker.explained = stored.explained;
         tracker.tracks = stored.tracks;

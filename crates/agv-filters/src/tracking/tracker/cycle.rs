@@ -81,7 +81,7 @@ impl ObstacleTracker {
             let Some(cluster) = clusters.clusters().get(*cluster).filter(|_| !*taken) else { continue };
             let points = clusters.points_of(cluster);
             if let Some(track) = Track::new(ObstacleId(self.next_id), outline, points, now, params) {
-                self.next_id += 1;
+                self.next_id = self.next_id.saturating_add(1);
                 tracks.push(track);
             }
         }

@@ -154,6 +154,7 @@ fn bad_input_is_refused_or_told() {
         DwaParams { turns: 0, ..good.clone() },
         DwaParams { steps: 0, ..good.clone() },
         DwaParams { horizon: 0.0, ..good.clone() },
+        DwaParams { horizon: 9.0, ..good.clone() },
         DwaParams { window: f64::NAN, ..good.clone() },
         DwaParams { look_ahead: -1.0, ..good.clone() },
         DwaParams { stopping_share: 2.0, ..good.clone() },
@@ -189,6 +190,75 @@ fn bad_input_is_refused_or_told() {
     for bad in [f64::NAN, f64::INFINITY, -1.0, 0.0] {
         assert!(planner.command(LocalPlanRequest { dt: bad, ..request }).is_err());
     }
+}
+
+/// A post in the short way of a turn: the other one is taken, to its end.
+#[test]
+fn a_post_in_the_short_way_is_turned_around() {
+    let (map, limits) = (hall(Some((0.225, 0.325, 0.01))), MotionLimits::default());
+    let mut way = Path::new();
+    way.push(PathPoint { pose: Se2::new(0.0, 0.0, 1.9), ..PathPoint::default() }).unwrap();
+    let mut planner = Dwa::new(params()).unwrap();
+    let mut state = VehicleState::new(Se2::default(), Twist2::ZERO);
+    let mut status = LocalPlanStatus::Following;
+    for _ in 0..100 {
+        let request = LocalPlanRequest { state, path: &way, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
+        let command = planner.command(request).unwrap();
+        assert!(command.motion.twist.yaw_rate <= 0.0, "{command:?}");
+        state = state.after(&command.motion, 0.1);
+        status = command.status;
+        if status == LocalPlanStatus::Arrived {
+            break;
+        }
+    }
+    assert_eq!(status, LocalPlanStatus::Arrived, "{state:?}");
+}
+
+/// Where a path changes its gear the vehicle comes to rest, and does not begin to turn.
+#[test]
+fn a_stop_on_the_way_is_no_turn() {
+    let (map, limits, way) = (hall(None), MotionLimits::default(), path());
+    let mut planner = Dwa::new(params()).unwrap();
+    let state = VehicleState::new(Se2::default(), Twist2::new(0.3, 0.0, 0.0));
+    let request = LocalPlanRequest { state, path: &way, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
+    let command = planner.turn(&request, 0.0).unwrap();
+    assert_eq!(command.motion.twist.yaw_rate, 0.0);
+    assert!((command.motion.twist.vx - 0.25).abs() < 1e-9 && command.status == LocalPlanStatus::Following);
+}
+
+/// Somebody bars the way for longer than the planner has patience, and leaves.
+#[test]
+fn standing_for_somebody_takes_no_patience() {
+    let (map, limits, way) = (hall(None), MotionLimits::default(), path());
+    let mut planner = Dwa::new(DwaParams { patience: 3.0, ..params() }).unwrap();
+    let crowd = [MovingObstacle::new(Vector2::new(5.0, 0.0), Vector2::zeros(), 4.0).unwrap()];
+    let mut state = VehicleState::new(Se2::default(), Twist2::ZERO);
+    let mut status = LocalPlanStatus::Following;
+    for cycle in 0..400 {
+        let obstacles: &[MovingObstacle] = if cycle < 200 { &crowd } else { &[] };
+        let request = LocalPlanRequest { state, path: &way, map: &map, obstacles, limits: &limits, dt: 0.1 };
+        let command = planner.command(request).unwrap();
+        state = state.after(&command.motion, 0.1);
+        status = command.status;
+        if cycle == 199 {
+            assert!(matches!(status, LocalPlanStatus::Blocked(_)), "{status:?}");
+        }
+    }
+    assert_eq!(status, LocalPlanStatus::Arrived, "{state:?}");
+}
+
+/// What touches something in its first step is not chosen, whatever the critics look at.
+#[test]
+fn what_is_blocked_at_once_costs_infinity() {
+    // A cell ahead, a few centimetres before the nose, at speed: all trajectories that go on touch it.
+    let (map, limits, way) = (hall(Some((0.425, 0.025, 0.01))), MotionLimits::default(), path());
+    let mut planner = Dwa::with_critics(params(), vec![Critic::new(1.0, Velocity)]).unwrap();
+    let state = VehicleState::new(Se2::default(), Twist2::new(1.0, 0.0, 0.0));
+    planner
+        .command(LocalPlanRequest { state, path: &way, map: &map, obstacles: &[], limits: &limits, dt: 0.1 })
+        .unwrap();
+    let blocked: Vec<_> = (0..planner.costs().len()).filter(|&i| planner.trajectories().free()[i] == 0).collect();
+    assert!(!blocked.is_empty() && blocked.iter().all(|&i| planner.costs()[i].is_infinite()));
 }
 
 /// Paper 000's adjustment of the window: narrow near obstacles and at rest.

@@ -30,8 +30,7 @@ pub(super) fn angles_to(batch: &Trajectories, scene: &Scene<'_>, target: nalgebr
     }
 }
 
-/// What is missing of `enough` metres to the nearest obstacle on the way, in metres; rules out trajectories that touch one in the first
-/// step.
+/// What is missing of `enough` metres to the nearest obstacle on the way, in metres.
 #[derive(Debug, Clone, Copy)]
 pub struct Clearance {
     /// Distance from which on more is not better, in metres.
@@ -51,9 +50,6 @@ impl TrajectoryCost for Clearance {
     }
 
     fn add_costs(&mut self, batch: &Trajectories, _: &Scene<'_>, costs: &mut [f32]) {
-        for (cost, &free) in costs.iter_mut().zip(batch.free()) {
-            *cost = if free == 0 { f32::INFINITY } else { *cost };
-        }
         add_least_clearance(batch, costs, |clearance| (self.enough - clearance).max(0.0));
     }
 }

@@ -9,7 +9,8 @@
 //! | [`BoundedObstacle`], [`KeyNodeDistance`], [`KeyNodeHeading`] | paper 002, Eqs 24 and 25 | as the classic ones, but only near obstacles, and towards the next key node |
 //!
 //! Each scores a whole batch. Its costs may be brought to the range from 0 to 1 over the batch before they are weighed, as papers 000 and 002
-//! do; costs in metres of way are better left as they are. A trajectory that one critic rules out is not shown to the next ones.
+//! do; costs in metres of way are better left as they are. A trajectory that touches something in its first step, or that one critic
+//! rules out, costs infinity, and that is what the next ones are shown.
 
 mod classic;
 mod improved;
@@ -95,7 +96,8 @@ pub(crate) fn score(
     scratch: &mut Vec<f32>,
 ) {
     totals.clear();
-    totals.resize(batch.len(), 0.0);
+    // What touches something at once has no way to be judged by.
+    totals.extend(batch.free().iter().map(|&free| if free == 0 { f32::INFINITY } else { 0.0 }));
     for critic in critics {
         scratch.clear();
         scratch.extend(totals.iter().map(|total| if total.is_finite() { 0.0 } else { f32::INFINITY }));

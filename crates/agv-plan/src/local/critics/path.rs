@@ -17,7 +17,7 @@ fn end(batch: &Trajectories, scene: &Scene<'_>, i: usize) -> Option<(Vector2<f64
     Some((point, if scene.drive.gear == Gear::Reverse { -nose } else { nose }))
 }
 
-/// The point of the path nearest to one near the vehicle, and the direction there: looked for half a metre apart, from the vehicle's own
+/// The point of the path nearest to one near the vehicle, and the direction there: looked for every 0.2 m, from the vehicle's own
 /// place on.
 fn nearest(scene: &Scene<'_>, point: &Vector2<f64>) -> (f64, Vector2<f64>) {
     let from = scene.drive.projection.arc_length;

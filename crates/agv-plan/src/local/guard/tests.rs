@@ -104,18 +104,26 @@ proptest! {
     }
 }
 
-/// In a ring of wall with a lane of half a metre to spare, the arc leads to rest where the straight way ends in the wall.
-#[test]
-fn braking_in_a_bend_stays_in_the_bend() {
+/// A ring of free ground around the origin, with one cell of it marked if a place is given.
+fn ring(outer: f64, mark: Option<Vector2<f64>>) -> LocalMap {
     let layout = GridLayout::new(120, 120, 0.05, Se2::new(-3.0, -3.0, 0.0)).unwrap();
     let mut map = Grid::filled(layout, CellState::Free);
     for index in 0..layout.len() {
         let distance = layout.center(layout.cell(index)).norm();
-        if !(0.6..1.5).contains(&distance) {
+        if !(0.6..outer).contains(&distance) {
             map.set(layout.cell(index), CellState::Occupied);
         }
     }
-    let local = LocalMap::new(&Costmap::from_map(&map), LocalMapParams::default()).unwrap();
+    if let Some(cell) = mark.and_then(|mark| layout.cell_at(&mark)) {
+        map.set(cell, CellState::Occupied);
+    }
+    LocalMap::new(&Costmap::from_map(&map), LocalMapParams::default()).unwrap()
+}
+
+/// In a ring of wall with a lane of half a metre to spare, the arc leads to rest where the straight way ends in the wall.
+#[test]
+fn braking_in_a_bend_stays_in_the_bend() {
+    let local = ring(1.5, None);
     let guard = Guard::new(Footprint::circle(0.25).unwrap(), GuardParams::default()).unwrap();
     // Turning could stop at once, driving takes a metre.
     let mut limits = MotionLimits::default();
@@ -129,6 +137,28 @@ fn braking_in_a_bend_stays_in_the_bend() {
     assert!((brake.vx - brake.yaw_rate).abs() < 1e-12 && brake.vx < 0.9);
     let straight = Twist2::new(0.9, 0.0, 0.0);
     assert_eq!(guard.check(&request, &straight.into()).unwrap(), Verdict::Blocked(BlockReason::Obstacle));
+}
+
+/// A new mark on the arc is no reason to drive straight into the wall, unless the wall is touched at a much lower speed.
+#[test]
+fn a_mark_on_the_arc_does_not_lead_into_the_wall() {
+    let guard = Guard::new(Footprint::circle(0.25).unwrap(), GuardParams::default()).unwrap();
+    let mut limits = MotionLimits::default();
+    limits.twist.yaw_acceleration = 20.0;
+    let state = VehicleState::new(Se2::new(1.0, 0.0, std::f64::consts::FRAC_PI_2), Twist2::new(0.9, 0.0, 0.9));
+    let path = path();
+    // At the inner and the outer edge of what the arc sweeps, with a wall near and far.
+    for (outer, radius, angle, stays) in
+        [(1.35, 0.8, 0.45_f64, true), (1.35, 1.22, 0.45, true), (1.6, 0.78, 0.6, false)]
+    {
+        let mark = Vector2::new(angle.cos(), angle.sin()) * radius;
+        let local = ring(outer, Some(mark));
+        let request = LocalPlanRequest { state, path: &path, map: &local, obstacles: &[], limits: &limits, dt: DT };
+        assert!(!guard.touches(&request).unwrap());
+        let brake = guard.brake(&request).unwrap().twist;
+        assert_eq!((brake.vx - brake.yaw_rate).abs() < 1e-12, stays, "{outer} {radius}: {brake:?}");
+        assert!(brake.vx < 0.9);
+    }
 }
 
 #[test]

@@ -47,14 +47,16 @@ pub(super) fn advance(
     ramps: &Ramps,
     dt: f32,
 ) {
+    let (up, down) = (ramps.acceleration * dt, ramps.deceleration * dt);
+    let (turn_up, ratio) = (ramps.turn * dt, ramps.acceleration / ramps.deceleration);
     let len = vx.len();
     let (vy, turn, x, y) = (&mut vy[..len], &mut turn[..len], &mut x[..len], &mut y[..len]);
     let (cos, sin) = (&mut cos[..len], &mut sin[..len]);
     let (target_vx, target_vy, target_turn) = (&target_vx[..len], &target_vy[..len], &target_turn[..len]);
     for i in 0..len {
-        vx[i] = ramp(vx[i], target_vx[i], ramps.acceleration * dt, ramps.deceleration * dt);
-        vy[i] = ramp(vy[i], target_vy[i], ramps.acceleration * dt, ramps.deceleration * dt);
-        turn[i] = ramp(turn[i], target_turn[i], ramps.turn * dt, ramps.turn * dt);
+        vx[i] = ramp(vx[i], target_vx[i], up, down, ratio);
+        vy[i] = ramp(vy[i], target_vy[i], up, down, ratio);
+        turn[i] = ramp(turn[i], target_turn[i], turn_up, turn_up, 1.0);
         let yaw_rate = if ramps.steers { turn[i] * vx[i] } else { turn[i] };
         let speed = greater(greater(vx[i].abs(), vy[i].abs()), 1e-6);
         let most = less(ramps.yaw_rate, ramps.lateral_acceleration / speed);
@@ -113,12 +115,19 @@ pub(super) fn count_free(free: &mut [u32], clearance: &[f32], limit: f32) {
     }
 }
 
-/// A component after a step towards its target, growing by at most `up` and shrinking by at most `down`.
+/// A component after a step towards its target, its magnitude growing by at most `up` and shrinking by at most `down`; `ratio` is the one
+/// by the other.
 #[inline(always)]
-fn ramp(now: f32, target: f32, up: f32, down: f32) -> f32 {
-    let highest = now + if now >= 0.0 { up } else { down };
-    let lowest = now - if now > 0.0 { down } else { up };
-    less(greater(target, lowest), highest)
+fn ramp(now: f32, target: f32, up: f32, down: f32, ratio: f32) -> f32 {
+    less(greater(target, -rise(-now, up, down, ratio)), rise(now, up, down, ratio))
+}
+
+/// As `agv_core::kinematics::rise`: a negative value brakes first, then accelerates for the time that is left.
+#[inline(always)]
+fn rise(now: f32, up: f32, down: f32, ratio: f32) -> f32 {
+    let braked = now + down;
+    let turned = if braked <= 0.0 { braked } else { braked * ratio };
+    if now >= 0.0 { now + up } else { turned }
 }
 
 /// The greater of two numbers, neither of them NaN: one instruction, unlike the library's.

@@ -1,6 +1,7 @@
 use super::*;
 use agv_core::{
     grid::{CellState, Costmap, Grid, GridLayout, LocalMapParams},
+    kinematics::rise,
     roles::laws,
 };
 use proptest::prelude::*;
@@ -37,21 +38,25 @@ proptest! {
         }
     }
 
-    /// From rest a vehicle speeds up as its limits say, and the batch keeps to it.
+    /// A vehicle changes its speed as its limits say, through zero too, and the batch keeps to it.
     #[test]
-    fn ramps_are_those_of_the_limits(vx in 0.1..1.0_f64, yaw_rate in -1.0..1.0_f64) {
-        let limits = MotionLimits::default();
+    fn ramps_are_those_of_the_limits(
+        before in -0.3..1.0_f64, vx in -0.3..1.0_f64, yaw_rate in -1.0..1.0_f64,
+        acceleration in 0.2..2.0_f64, deceleration in 0.2..2.0_f64,
+    ) {
+        let mut limits = MotionLimits::default();
+        (limits.twist.acceleration, limits.twist.deceleration) = (acceleration, deceleration);
         let map = map_with(&[], 0.0);
-        let mut state = VehicleState::new(Se2::default(), Twist2::ZERO);
+        let mut state = VehicleState::new(Se2::default(), Twist2::new(before, 0.0, 0.0));
         let mut batch = Trajectories::default();
         batch.begin(&state, &map, 20, 0.1);
         batch.push([vx as f32, 0.0, yaw_rate as f32]);
         batch.roll_out(&state, &limits, &map, &Footprint::circle(0.2).unwrap());
         for step in 0..20 {
             let now = state.twist;
-            let to = |now: f64, target: f64, change: f64| target.clamp(now - change, now + change);
-            let twist = Twist2::new(to(now.vx, vx, 0.05), 0.0, to(now.yaw_rate, yaw_rate, 0.1));
-            assert!(limits.allows_step(&now.into(), &twist.into(), 0.1));
+            let to = |now: f64, target: f64, a: f64, d: f64| target.clamp(-rise(-now, a, d, 0.1), rise(now, a, d, 0.1));
+            let twist = Twist2::new(to(now.vx, vx, acceleration, deceleration), 0.0, to(now.yaw_rate, yaw_rate, 1.0, 1.0));
+            prop_assert!(limits.allows_step(&now.into(), &twist.into(), 0.1));
             state = state.after(&twist.into(), 0.1);
             let view = batch.at_step(step);
             let found = Vector2::new(f64::from(view.x[0]), f64::from(view.y[0]));
@@ -98,5 +103,26 @@ fn obstacles_are_met_at_their_time() {
         batch.roll_out(&state, &limits, &map, &footprint);
         batch.meet(&[obstacle]);
         assert_eq!(batch.free()[0] == 20, free, "{obstacle:?}");
+    }
+}
+
+/// Within an outline the vehicle touches it, however far its edges are.
+#[test]
+fn the_inside_of_an_obstacle_is_no_free_ground() {
+    let (map, limits) = (map_with(&[], 0.5), MotionLimits::default());
+    let state = VehicleState::new(Se2::new(0.2, 0.1, 0.7), Twist2::new(1.0, 0.0, 0.0));
+    let corners = [(-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0)].map(|(x, y)| Vector2::new(x, y));
+    let center = state.map_from_base.act(&Vector2::new(1.6, 0.0));
+    let shelf = MovingObstacle::new(center, Vector2::zeros(), 0.1).unwrap().with_hull(Hull::new(&corners).unwrap());
+    let mut batch = Trajectories::default();
+    batch.begin(&state, &map, 20, 0.1);
+    batch.push([1.0, 0.0, 0.0]);
+    batch.roll_out(&state, &limits, &map, &Footprint::circle(0.2).unwrap());
+    batch.meet(&[shelf]);
+    for step in 0..20 {
+        let place = state.map_from_base.act(&Vector2::new(0.1 * f64::from(step + 1), 0.0));
+        let gap = shelf.distance_after(0.0, &place) - 0.2;
+        let found = f64::from(batch.at_step(step as usize).clearance[0]);
+        assert!(gap > 0.3 || (found - gap).abs() < 1e-3, "{found} {gap}");
     }
 }

@@ -15,8 +15,7 @@ use agv_core::kinematics::{MotionLimits, TwistLimits};
 /// The change of the turn rate counts for vehicles that do not steer only; of the others [`SteeringRate`](super::SteeringRate).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Acceleration {
-    limits: TwistLimits,
-    steers: bool,
+    limits: MotionLimits,
     share: f64,
     root: f64,
 }
@@ -24,7 +23,7 @@ pub struct Acceleration {
 impl Acceleration {
     /// Of the limits, `share` may be used.
     pub fn new(limits: &MotionLimits, share: f64, weight: f64) -> Self {
-        Self { limits: limits.twist, steers: limits.steering.is_some(), share, root: weight.sqrt() }
+        Self { limits: *limits, share, root: weight.sqrt() }
     }
 }
 
@@ -34,15 +33,19 @@ impl BandEdge<11> for Acceleration {
         let (first, second) = pair(window);
         let (dt1, dt2) = (window.unknowns[3], window.unknowns[7]);
         let mut linear = |a: &Term<7>, b: &Term<7>| {
-            change(a, b, dt1, dt2).within(self.share * linear_limit(&self.limits, a.value, b.value), self.root, out);
+            change(a, b, dt1, dt2).within(
+                self.share * linear_limit(&self.limits.twist, a.value, b.value),
+                self.root,
+                out,
+            );
         };
         linear(&first.rate(&first.along), &second.rate(&second.along));
-        if self.limits.lateral_speed > 0.0 {
+        if self.limits.is_holonomic() {
             linear(&first.rate(&first.across), &second.rate(&second.across));
         }
-        if !self.steers {
+        if self.limits.steering.is_none() {
             let turn = change(&first.rate(&first.turn), &second.rate(&second.turn), dt1, dt2);
-            turn.within(self.share * self.limits.yaw_acceleration, self.root, out);
+            turn.within(self.share * self.limits.twist.yaw_acceleration, self.root, out);
         }
     }
 }

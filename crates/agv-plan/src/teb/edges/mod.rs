@@ -156,6 +156,9 @@ mod tests {
             check(&Acceleration::new(&limits, 0.9, 2.0), &window, 1e-4);
             check(&EndSpeed { speed: 0.2, yaw_rate: 0.1, limits: limits.twist, at_end: false, weight: 2.0 }, &window, 1e-4);
             check(&EndSpeed { speed: 0.0, yaw_rate: 0.0, limits: limits.twist, at_end: true, weight: 2.0 }, &window, 1e-4);
+            let free = MotionLimits { steering: None, ..limits };
+            check(&Speed::new(&free, 0.0, 3.0, 5.0), &window, 1e-5);
+            check(&Acceleration::new(&free, 0.9, 2.0), &window, 1e-4);
             check(&ViaPoint { point: Vector2::new(1.0, 2.5), weight: 3.0 }, &window, 1e-6);
             check(&Rotation { side: -1.0, weight: 3.0 }, &window, 1e-6);
         }

@@ -59,7 +59,7 @@ impl BandEdge<7> for Speed {
         v.at_most(twist.forward_speed, self.root, out);
         v.negated().at_most(twist.reverse_speed, self.root, out);
         w.within(twist.yaw_rate, self.root, out);
-        if twist.lateral_speed > 0.0 {
+        if self.limits.is_holonomic() {
             segment.rate(&segment.across).within(twist.lateral_speed, self.root, out);
         } else if self.gear != 0.0 {
             let against = Term { value: -self.gear * v.value, gradient: v.gradient.map(|g| -self.gear * g) };
