@@ -16,7 +16,7 @@ use agv_core::{
     Error,
     geometry::{LieGroup, Se2, Se3, So2, So3},
 };
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Vector3};
 
 /// Rigid motions as matrices, those of the plane within space.
 pub trait RigidMotion: LieGroup {
@@ -49,22 +49,13 @@ impl RigidMotion for Se3 {
     const SPACE: usize = 3;
 
     fn parts(&self) -> (Matrix3<f64>, Vector3<f64>) {
-        (UnitQuaternion::from(self.rotation()).to_rotation_matrix().into_inner(), self.translation())
+        (self.rotation().matrix(), self.translation())
     }
 
     fn nearest(matrix: &Matrix3<f64>, translation: &Vector3<f64>) -> Option<Self> {
-        if !matrix.iter().all(|v| v.is_finite()) {
-            return None;
-        }
-        let svd = matrix.svd(true, true);
-        if svd.singular_values[1] <= f64::EPSILON * svd.singular_values[0] {
-            return None;
-        }
-        let (u, v_t) = (svd.u?, svd.v_t?);
-        let mirror = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, (u * v_t).determinant().signum()));
-        let rotation = UnitQuaternion::from_rotation_matrix(&Rotation3::from_matrix_unchecked(u * mirror * v_t));
-        let pose = Self::from_parts(*translation, So3::from(rotation));
-        pose.is_finite().then_some(pose)
+        let (rotation, clearness) = So3::nearest(matrix)?;
+        let pose = Self::from_parts(*translation, rotation);
+        (clearness > f64::EPSILON && pose.is_finite()).then_some(pose)
     }
 }
 

@@ -7,7 +7,7 @@
 
 use agv_core::{
     Error, check,
-    solve::{FIXED, NormalSystem, damped},
+    solve::{FIXED, NormalSystem, diagonal_damping},
 };
 use faer::{
     Conj, MatMut, Par, Side,
@@ -300,7 +300,7 @@ impl NormalSystem for SparseNormalEquations {
         let Some(factor) = &mut self.factor else { return step.is_empty() };
         factor.damped.copy_from_slice(&self.hessian);
         for (&start, &scale) in self.column_starts.iter().zip(scale) {
-            factor.damped[start] += damped(damping, scale);
+            factor.damped[start] += diagonal_damping(damping, scale);
         }
         step.iter_mut().zip(&self.gradient).for_each(|(step, g)| *step = -g);
         factor.factorize(&self.column_starts, &self.row_indices) && factor.substitute(step)
