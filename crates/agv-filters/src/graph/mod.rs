@@ -12,6 +12,7 @@
 //! space: maps of key scans, of sub-maps and of feature clouds are corrected by it.
 
 mod chordal;
+mod covariance;
 mod pose_graph;
 mod problem;
 mod relation;

@@ -1,10 +1,10 @@
-//! The poses that explain a graph best, and how certain they are.
+//! The poses that explain a graph best.
 
-use super::{PoseGraph, PoseId, SparseNormalEquations, problem::GraphProblem};
+use super::{PoseGraph, SparseNormalEquations, problem::GraphProblem};
 use agv_core::{
-    Error,
+    Error, check,
     geometry::LieGroup,
-    solve::{LeastSquaresReport, LeastSquaresWorkspace, LevenbergMarquardt, LevenbergMarquardtParams, NormalSystem},
+    solve::{LeastSquaresReport, LeastSquaresWorkspace, LevenbergMarquardt, LevenbergMarquardtParams},
 };
 
 /// Parameters of a [`PoseGraphSolver`].
@@ -13,10 +13,14 @@ use agv_core::{
 pub struct PoseGraphSolverParams {
     /// When to stop, and how boldly to start.
     pub descent: LevenbergMarquardtParams,
+    /// By how much a stage of [`optimize_graduated`](PoseGraphSolver::optimize_graduated) narrows the kernels: the factor of their
+    /// squared scales, above one.
+    pub graduation: f64,
 }
 
 impl Default for PoseGraphSolverParams {
-    /// Steps of Gauss and Newton while they lower the cost, until a step promises less than a thousand-millionth of it.
+    /// Steps of Gauss and Newton while they lower the cost, until a step promises less than a thousand-millionth of it; stages of
+    /// 1.4 as Yang et al. take them.
     fn default() -> Self {
         let descent = LevenbergMarquardtParams {
             initial_damping: 1e-6,
@@ -24,30 +28,35 @@ impl Default for PoseGraphSolverParams {
             gradient_tolerance: 1e-9,
             ..LevenbergMarquardtParams::default()
         };
-        Self { descent }
+        Self { descent, graduation: 1.4 }
     }
 }
 
 /// Moves the poses of graphs to where their relations fit best; keeps its memory, and the order of elimination while a graph's
-/// pattern stays.
+/// pattern stays. A graph that grows is solved from where its poses are: a closure that changes little takes a step or two.
 ///
 /// See [`PoseGraph`] for an example.
 #[derive(Debug)]
 pub struct PoseGraphSolver<G: LieGroup> {
-    descent: LevenbergMarquardt,
-    workspace: LeastSquaresWorkspace<SparseNormalEquations, Vec<G>>,
-    blocks: Vec<Option<u32>>,
+    params: PoseGraphSolverParams,
+    pub(super) workspace: LeastSquaresWorkspace<SparseNormalEquations, Vec<G>>,
+    /// Block of unknowns of each pose of the graph that was solved last.
+    pub(super) blocks: Vec<Option<u32>>,
 }
+
+/// Steps within a stage that is not the last: the next one starts from a fair guess, not from the minimum.
+const STEPS_PER_STAGE: usize = 3;
 
 impl<G: LieGroup> PoseGraphSolver<G> {
     /// A solver.
     ///
     /// # Errors
-    /// Tolerances that cannot be some.
+    /// Tolerances that cannot be some, and [`Error::OutOfRange`] for a graduation that is not above one.
     pub fn new(params: PoseGraphSolverParams) -> Result<Self, Error> {
-        let descent = LevenbergMarquardt::new(params.descent)?;
+        LevenbergMarquardt::new(params.descent)?;
+        check::in_range("graduation", params.graduation, 1.01, f64::MAX)?;
         let workspace = LeastSquaresWorkspace::new(SparseNormalEquations::default(), Vec::new());
-        Ok(Self { descent, workspace, blocks: Vec::new() })
+        Ok(Self { params, workspace, blocks: Vec::new() })
     }
 
     /// Moves the poses to a minimum near where they are; [`initialize`](Self::initialize) first where they are no good guess. A step
@@ -57,7 +66,25 @@ impl<G: LieGroup> PoseGraphSolver<G> {
     /// [`Error::NotFinite`] for poses so far off that their residuals overflow, [`Error::TooMany`] for a graph that memory has no
     /// room for. The poses are then as they were.
     pub fn optimize(&mut self, graph: &mut PoseGraph<G>) -> Result<LeastSquaresReport, Error> {
-        let report = self.descend(graph);
+        self.solve(graph, false)
+    }
+
+    /// As [`optimize`](Self::optimize), for graphs with many false relations: kernels so wide that all relations count come first, and
+    /// are narrowed stage by stage to what they are (graduated non-convexity: Yang et al., *Graduated non-convexity for robust spatial
+    /// perception*, 2020). Relations whose kernel is [`Square`](agv_core::solve::RobustKernel::Square) are taken to be true in every
+    /// stage; give those that may be false a bounded kernel, Geman and McClure's or dynamic covariance scaling.
+    ///
+    /// The report counts the steps of all stages. There are about `ln(2 s / c²) / ln(graduation)` of them for a worst squared
+    /// residual `s` and a scale `c`.
+    ///
+    /// # Errors
+    /// As [`optimize`](Self::optimize).
+    pub fn optimize_graduated(&mut self, graph: &mut PoseGraph<G>) -> Result<LeastSquaresReport, Error> {
+        self.solve(graph, true)
+    }
+
+    fn solve(&mut self, graph: &mut PoseGraph<G>, graduated: bool) -> Result<LeastSquaresReport, Error> {
+        let report = self.descend(graph, graduated);
         if report.is_err() {
             // What was summed up is of no minimum: nothing is known of any pose.
             self.blocks.clear();
@@ -65,50 +92,41 @@ impl<G: LieGroup> PoseGraphSolver<G> {
         report
     }
 
-    fn descend(&mut self, graph: &mut PoseGraph<G>) -> Result<LeastSquaresReport, Error> {
+    fn descend(&mut self, graph: &mut PoseGraph<G>, graduated: bool) -> Result<LeastSquaresReport, Error> {
         let free = graph.blocks_into(&mut self.blocks);
+        let blocks = &self.blocks;
         let pairs = graph
             .relations()
             .iter()
-            .filter_map(|relation| self.blocks[relation.from.index()].zip(self.blocks[relation.to.index()]));
+            .filter_map(|relation| blocks[relation.from.index()].zip(blocks[relation.to.index()]));
         self.workspace.system.reset(G::DOF, free, pairs)?;
         let mut poses = graph.poses().to_vec();
-        let mut problem = GraphProblem { relations: graph.relations(), priors: graph.priors(), blocks: &self.blocks };
-        let report = self.descent.minimize_structured(&mut problem, &mut poses, &mut self.workspace)?;
+        let (relations, priors) = (graph.relations(), graph.priors());
+        let mut problem = GraphProblem { relations, priors, blocks, widening: 1.0 };
+        let mut steps = 0;
+        if graduated {
+            let descent = LevenbergMarquardtParams { max_iterations: STEPS_PER_STAGE, ..self.params.descent };
+            let descent = LevenbergMarquardt::new(descent)?;
+            let mut widening = first_widening(&problem, &poses)?;
+            while widening > 1.0 {
+                problem.widening = widening.sqrt();
+                steps += descent.minimize_structured(&mut problem, &mut poses, &mut self.workspace)?.iterations;
+                widening /= self.params.graduation;
+            }
+            problem.widening = 1.0;
+        }
+        let descent = LevenbergMarquardt::new(self.params.descent)?;
+        let mut report = descent.minimize_structured(&mut problem, &mut poses, &mut self.workspace)?;
+        report.iterations += steps;
         *graph.poses_mut() = poses;
         Ok(report)
     }
-
-    /// Covariance of a pose of the graph that was optimised last, in the frame of that pose, given the poses that stay; none if
-    /// the relations do not determine it. The sums are factored anew at each call, then solved once per degree of freedom.
-    ///
-    /// Robust kernels count as they did at the minimum.
-    pub fn covariance(&mut self, pose: PoseId) -> Option<G::Matrix> {
-        let Some(block) = *self.blocks.get(pose.index())? else {
-            return Some(G::matrix_from_slice(&[]));
-        };
-        let system = &mut self.workspace.system;
-        if !system.factorize() {
-            return None;
-        }
-        let mut entries = Vec::with_capacity(G::DOF * G::DOF);
-        let mut unit = Vec::new();
-        let first = block as usize * G::DOF;
-        for i in first..first + G::DOF {
-            unit.clear();
-            unit.resize(system.dimension(), 0.0);
-            unit[i] = 1.0;
-            let solved = system.substitute(&mut unit);
-            if !solved || unit[i] * system.diagonal(i) > UNDETERMINED {
-                return None;
-            }
-            entries.extend_from_slice(&unit[first..first + G::DOF]);
-        }
-        let covariance = G::matrix_from_slice(&entries);
-        Some((covariance + G::transpose(&covariance)) * 0.5)
-    }
 }
 
-/// Variance of an unknown beside what it would be if all others were known: about twice the number of poses of a chain, and beyond
-/// this the rounding of an unknown that nothing determines.
-const UNDETERMINED: f64 = 1e12;
+/// By what the squared scales of the kernels are to be multiplied first: `2 s / c²` of the worst relation, so that the cost of all of
+/// them is convex (Yang et al., remark 5).
+fn first_widening<G: LieGroup>(problem: &GraphProblem<'_, G>, poses: &[G]) -> Result<f64, Error> {
+    let scaled = problem.squares(poses).filter_map(|(kernel, square)| Some(2.0 * square / kernel.scale()?.powi(2)));
+    let worst = scaled.fold(0.0, |worst: f64, scaled| if scaled > worst || scaled.is_nan() { scaled } else { worst });
+    check::finite("squared residual", worst)
+}

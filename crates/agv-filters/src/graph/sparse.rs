@@ -43,6 +43,8 @@ pub(super) struct SparseNormalEquations {
     cost: f64,
     fault: Option<Error>,
     factor: Option<Factor>,
+    /// Whether the factor is that of the Hessian as it stands.
+    factored: bool,
 }
 
 /// The order of factoring, and memory for it.
@@ -152,6 +154,7 @@ impl SparseNormalEquations {
             return;
         };
         let size = self.size;
+        self.factored = false;
         for c in 0..size {
             let first = if place == 0 { c } else { 0 };
             let start = self.entry(place, first, low as usize * size + c);
@@ -171,11 +174,15 @@ impl SparseNormalEquations {
         }
     }
 
-    /// Factors the Hessian as it stands, for [`substitute`](Self::substitute); false if it is not positive definite.
+    /// Factors the Hessian as it stands, unless that was done, for [`substitute`](Self::substitute); false if it is not positive
+    /// definite.
     pub(super) fn factorize(&mut self) -> bool {
         let Some(factor) = &mut self.factor else { return self.gradient.is_empty() };
-        factor.damped.copy_from_slice(&self.hessian);
-        factor.factorize(&self.column_starts, &self.row_indices)
+        if !self.factored {
+            factor.damped.copy_from_slice(&self.hessian);
+            self.factored = factor.factorize(&self.column_starts, &self.row_indices);
+        }
+        self.factored
     }
 
     /// Solves `H x = rhs` in place, with the Hessian that was factored last; false if the solution is not finite, or the length of
@@ -238,7 +245,7 @@ impl NormalSystem for SparseNormalEquations {
     fn clear(&mut self) {
         self.hessian.fill(0.0);
         self.gradient.fill(0.0);
-        (self.cost, self.fault) = (0.0, None);
+        (self.cost, self.fault, self.factored) = (0.0, None, false);
     }
 
     fn accumulate<const M: usize, const K: usize>(
@@ -250,6 +257,7 @@ impl NormalSystem for SparseNormalEquations {
     ) {
         let outer = jacobian.transpose() * jacobian * weight;
         let slope = jacobian.transpose() * residual * weight;
+        self.factored = false;
         for (i, &row) in unknowns.iter().enumerate().filter(|(_, row)| **row != FIXED) {
             if let Some(sum) = self.gradient.get_mut(row) {
                 *sum += slope[i];
@@ -298,6 +306,7 @@ impl NormalSystem for SparseNormalEquations {
 
     fn solve_damped(&mut self, damping: f64, scale: &[f64], step: &mut [f64]) -> bool {
         let Some(factor) = &mut self.factor else { return step.is_empty() };
+        self.factored = false;
         factor.damped.copy_from_slice(&self.hessian);
         for (&start, &scale) in self.column_starts.iter().zip(scale) {
             factor.damped[start] += diagonal_damping(damping, scale);
@@ -306,3 +315,6 @@ impl NormalSystem for SparseNormalEquations {
         factor.factorize(&self.column_starts, &self.row_indices) && factor.substitute(step)
     }
 }
+
+#[cfg(test)]
+mod tests;
