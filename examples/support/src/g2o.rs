@@ -2,13 +2,18 @@
 //!
 //! R. Kümmerle et al., *g2o: a general framework for graph optimization*, 2011. A vertex is `id x y yaw` or `id x y z qx qy qz qw`,
 //! an edge `from to`, such a pose, and the upper half of its information by rows. Lines of other tags are left out.
+//!
+//! g2o states what is off in space by the vector part of the unit quaternion, half a small angle, and so is the information in its
+//! files; here it is that of angles in radians, as everywhere else. Both are read and written in the frame of the second pose.
 
 use crate::{Error, Input, fields::Fields, input};
 use agv_core::{
     geometry::{LieGroup, Se2, Se3, So3},
     nalgebra::{Quaternion, UnitQuaternion, Vector3},
 };
-use std::{fmt::Write as _, path::Path};
+#[cfg(feature = "graph")]
+use agv_filters::graph::{PoseGraph, PoseId, Relation};
+use std::{collections::BTreeMap, fmt::Write as _, path::Path};
 
 /// A pose graph as the file has it.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,7 +35,7 @@ pub struct Edge<G: LieGroup> {
     pub to: u64,
     /// The second in the frame of the first.
     pub from_from_to: G,
-    /// Inverse of the covariance of that.
+    /// Inverse of the covariance of that, in the frame of the second (1/m², 1/rad²).
     pub information: G::Matrix,
 }
 
@@ -42,6 +47,8 @@ pub trait G2oPose: LieGroup {
     const EDGE: &'static str;
     /// Names of the fields of a pose.
     const FIELDS: &'static [&'static str];
+    /// What the file states of a small rotation, beside its angle.
+    const ROTATION_SCALE: f64;
 
     /// The pose of these fields; none if they are not one.
     fn from_fields(fields: &[f64]) -> Option<Self>;
@@ -54,6 +61,7 @@ impl G2oPose for Se2 {
     const VERTEX: &'static str = "VERTEX_SE2";
     const EDGE: &'static str = "EDGE_SE2";
     const FIELDS: &'static [&'static str] = &["x", "y", "yaw"];
+    const ROTATION_SCALE: f64 = 1.0;
 
     fn from_fields(fields: &[f64]) -> Option<Self> {
         let &[x, y, yaw] = fields else { return None };
@@ -69,6 +77,7 @@ impl G2oPose for Se3 {
     const VERTEX: &'static str = "VERTEX_SE3:QUAT";
     const EDGE: &'static str = "EDGE_SE3:QUAT";
     const FIELDS: &'static [&'static str] = &["x", "y", "z", "qx", "qy", "qz", "qw"];
+    const ROTATION_SCALE: f64 = 0.5;
 
     fn from_fields(fields: &[f64]) -> Option<Self> {
         let &[x, y, z, qx, qy, qz, qw] = fields else { return None };
@@ -85,7 +94,8 @@ impl G2oPose for Se3 {
 /// Reads a file.
 ///
 /// # Errors
-/// A file that cannot be read, or the first vertex or edge with a field that is missing, not finite or no pose.
+/// A file that cannot be read; the first vertex or edge with a field that is missing, not finite or no pose, an information that
+/// is none, or a vertex that is there twice or, in an edge or among those that stay, not at all.
 pub fn read<G: G2oPose>(path: impl AsRef<Path>) -> Result<G2o<G>, Error> {
     parse(&Input::read(path)?)
 }
@@ -96,41 +106,95 @@ pub fn read<G: G2oPose>(path: impl AsRef<Path>) -> Result<G2o<G>, Error> {
 /// As [`read`].
 pub fn parse<G: G2oPose>(input: &Input) -> Result<G2o<G>, Error> {
     let mut graph = G2o { vertices: Vec::new(), edges: Vec::new(), fixed: Vec::new() };
+    // Lines of the vertices by identity, and what other lines say of vertices: those may come first.
+    let (mut lines, mut said) = (BTreeMap::new(), Vec::new());
     for line in input.data_lines() {
         let (number, text) = line?;
         let mut fields = Fields::blank_separated(input, number, text);
         let tag = fields.text("tag")?;
         if tag == G::VERTEX {
-            graph.vertices.push((identity(&mut fields, "id")?, pose(&mut fields)?));
+            let id = identity(&mut fields, "id")?;
+            graph.vertices.push((id, pose(&mut fields)?));
+            if let Some(earlier) = lines.insert(id, number) {
+                return Err(input.line_error(number, format_args!("vertex {id} is in line {earlier} already")));
+            }
         } else if tag == G::EDGE {
             let (from, to) = (identity(&mut fields, "from")?, identity(&mut fields, "to")?);
             let from_from_to = pose(&mut fields)?;
             let mut entries = vec![0.0; G::DOF * G::DOF];
             for row in 0..G::DOF {
                 for column in row..G::DOF {
-                    let entry = fields.finite("information")?;
+                    let entry = fields.finite("information")? * scale::<G>(row) * scale::<G>(column);
                     (entries[row * G::DOF + column], entries[column * G::DOF + row]) = (entry, entry);
                 }
             }
-            graph.edges.push(Edge { from, to, from_from_to, information: G::matrix_from_slice(&entries) });
+            let information = G::matrix_from_slice(&entries);
+            G::check_covariance("information", &information).map_err(|error| fields.error(error))?;
+            said.extend([from, to].map(|id| (id, number)));
+            graph.edges.push(Edge { from, to, from_from_to, information });
         } else if tag == "FIX" {
-            graph.fixed.push(identity(&mut fields, "id")?);
+            for _ in 1..text.split_ascii_whitespace().count().max(2) {
+                let id = identity(&mut fields, "id")?;
+                said.push((id, number));
+                graph.fixed.push(id);
+            }
         } else {
             continue;
         }
         fields.end()?;
     }
-    Ok(graph)
+    match said.iter().find(|(id, _)| !lines.contains_key(id)) {
+        Some((id, line)) => Err(input.line_error(*line, format_args!("there is no vertex {id}"))),
+        None => Ok(graph),
+    }
+}
+
+/// What an entry of a tangent is in the file, beside what it is here.
+fn scale<G: G2oPose>(entry: usize) -> f64 {
+    if entry < G::TRANSLATION_DOF { 1.0 } else { G::ROTATION_SCALE }
 }
 
 fn identity<'a, I: Iterator<Item = &'a str>>(fields: &mut Fields<'a, I>, name: &str) -> Result<u64, Error> {
-    // Front ends make identities of keys and counters, so they may be large; beyond u32 they are refused.
-    fields.count(name, u32::MAX as usize).map(|id| id as u64)
+    // Front ends make identities of keys and counters, so they may be large.
+    fields.count(name, usize::MAX).map(|id| id as u64)
 }
 
 fn pose<'a, G: G2oPose, I: Iterator<Item = &'a str>>(fields: &mut Fields<'a, I>) -> Result<G, Error> {
     let values = G::FIELDS.iter().map(|name| fields.finite(name)).collect::<Result<Vec<_>, _>>()?;
     G::from_fields(&values).ok_or_else(|| fields.error("the quaternion is zero"))
+}
+
+#[cfg(feature = "graph")]
+impl<G: G2oPose> G2o<G> {
+    /// The graph for a solver, and which of its poses each vertex is.
+    ///
+    /// # Errors
+    /// [`agv_core::Error`] for what [`parse`] would have refused.
+    pub fn into_graph(self) -> Result<(PoseGraph<G>, BTreeMap<u64, PoseId>), agv_core::Error> {
+        let (mut graph, mut ids) = (PoseGraph::new(), BTreeMap::new());
+        for (id, pose) in self.vertices {
+            let pose = graph.add_pose(pose)?;
+            if ids.insert(id, pose).is_some() {
+                return Err(agv_core::Error::TooMany { name: "vertices of one identity", len: 2, max: 1 });
+            }
+        }
+        let find = |id: u64| {
+            let (least, most) = (ids.keys().next().copied(), ids.keys().next_back().copied());
+            ids.get(&id).copied().ok_or(agv_core::Error::OutOfRange {
+                name: "vertex of the graph",
+                value: id as f64,
+                min: least.map_or(0.0, |id| id as f64),
+                max: most.map_or(0.0, |id| id as f64),
+            })
+        };
+        for id in self.fixed {
+            graph.hold(find(id)?)?;
+        }
+        for edge in self.edges {
+            graph.add_relation(Relation::new(find(edge.from)?, find(edge.to)?, edge.from_from_to, edge.information))?;
+        }
+        Ok((graph, ids))
+    }
 }
 
 /// Writes a file, gzipped if `path` ends in `.gz`.
@@ -157,7 +221,8 @@ pub fn write<G: G2oPose>(path: impl AsRef<Path>, graph: &G2o<G>) -> Result<(), E
         push(&mut text, &edge.from_from_to.to_fields());
         let entries = G::matrix_slice(&edge.information);
         for row in 0..G::DOF {
-            push(&mut text, &entries[row * G::DOF + row..(row + 1) * G::DOF]);
+            let rest = (row..G::DOF).map(|c| entries[row * G::DOF + c] / (scale::<G>(row) * scale::<G>(c)));
+            push(&mut text, &rest.collect::<Vec<_>>());
         }
         text.push('\n');
     }
@@ -170,14 +235,15 @@ mod tests {
     use crate::testing::{Scratch, shared, survives_damage};
 
     const PLANE: &str =
-        "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 7 1 2 0.5\nFIX 0\nEDGE_SE2 0 7 1 2 0.4 10 1 2 20 3 30\nOTHER 1\n";
-    const SPACE: &str = "VERTEX_SE3:QUAT 0 1 2 3 0 0 0 2\nEDGE_SE3:QUAT 0 1 1 0 0 0 0 0.6 0.8 \
-                         1 0 0 0 0 0 2 0 0 0 0 3 0 0 0 4 0 0 5 0 6\n";
+        "VERTEX_SE2 0 0 0 0\nVERTEX_SE2 7 1 2 0.5\nFIX 0 7\nEDGE_SE2 0 7 1 2 0.4 10 1 2 20 3 30\nOTHER 1\n";
+    /// The second vertex has an identity as front ends make them, of a letter and a counter.
+    const SPACE: &str = "VERTEX_SE3:QUAT 0 1 2 3 0 0 0 2\nEDGE_SE3:QUAT 0 8646911284551352321 1 0 0 0 0 0.6 0.8 \
+                         1 0 0 0 0 0 2 0 0 0 0 3 0 0 0.5 4 0 0 5 0 6\nVERTEX_SE3:QUAT 8646911284551352321 0 0 0 0 0 0 1\n";
 
     #[test]
     fn round_trips_keep_every_number() {
         let plane: G2o<Se2> = parse(&Input::new("p", PLANE)).unwrap();
-        assert_eq!((plane.vertices.len(), plane.edges.len(), &plane.fixed[..]), (2, 1, &[0][..]));
+        assert_eq!((plane.vertices.len(), plane.edges.len(), &plane.fixed[..]), (2, 1, &[0, 7][..]));
         let information = plane.edges[0].information;
         assert_eq!((information[(0, 2)], information[(2, 1)], information[(2, 2)]), (2.0, 3.0, 30.0));
         let scratch = Scratch::new("g2o");
@@ -185,10 +251,13 @@ mod tests {
         let again: G2o<Se2> = read(scratch.path("p")).unwrap();
         assert_eq!(again.edges, plane.edges);
         let space: G2o<Se3> = parse(&Input::new("s", SPACE)).unwrap();
-        assert_eq!(space.edges[0].information[(5, 5)], 6.0);
+        // Of the vector part of the quaternion, which is half an angle.
+        let information = space.edges[0].information;
+        assert_eq!((information[(2, 2)], information[(5, 2)], information[(5, 5)]), (3.0, 0.25, 1.5));
         write(scratch.path("s"), &space).unwrap();
         let again: G2o<Se3> = read(scratch.path("s")).unwrap();
         assert!(again.edges[0].from_from_to.minus(&space.edges[0].from_from_to).norm() < 1e-15);
+        assert_eq!((again.edges[0].information, again.edges[0].to), (information, 8_646_911_284_551_352_321));
         assert_eq!(again.vertices[0].1.translation(), Vector3::new(1.0, 2.0, 3.0));
     }
 
@@ -199,6 +268,11 @@ mod tests {
             ("VERTEX_SE2 x 0 0 0", ":1: field 2 (id) must be a whole number"),
             ("\nEDGE_SE2 0 1 0 0 0 1 0 0 1 NaN 1", ":2: field 11 (information) must be finite"),
             ("VERTEX_SE2 0 0 0 0 9", ":1: `9` after the 5 fields"),
+            ("VERTEX_SE2 3 0 0 0\n\nVERTEX_SE2 3 0 0 0", ":3: vertex 3 is in line 1 already"),
+            ("VERTEX_SE2 3 0 0 0\nFIX 3 4", ":2: there is no vertex 4"),
+            ("FIX", ":1: the line ends before field 2 (id)"),
+            ("EDGE_SE2 0 1 0 0 0 1 0 0 1 0 1\nVERTEX_SE2 0 0 0 0", ":1: there is no vertex 1"),
+            ("EDGE_SE2 0 1 0 0 0 1 0 0 -1 0 1", ":1: information is not a covariance"),
         ] {
             let error = parse::<Se2>(&Input::new("r", text)).unwrap_err().to_string();
             assert!(error.contains(reason), "{error}");
@@ -207,6 +281,21 @@ mod tests {
         assert!(error.contains(":1: the quaternion is zero"), "{error}");
         survives_damage(PLANE.as_bytes(), |bytes| drop(parse::<Se2>(&Input::new("r", bytes))));
         survives_damage(SPACE.as_bytes(), |bytes| drop(parse::<Se3>(&Input::new("r", bytes))));
+    }
+
+    #[cfg(feature = "graph")]
+    #[test]
+    fn graphs_have_the_poses_in_the_order_of_the_file() {
+        let file: G2o<Se2> = parse(&Input::new("p", PLANE)).unwrap();
+        let (graph, ids) = file.clone().into_graph().unwrap();
+        assert_eq!((ids[&0].index(), ids[&7].index(), graph.relations().len()), (0, 1, 1));
+        assert_eq!((graph.relations()[0].from, graph.relations()[0].to), (ids[&0], ids[&7]));
+        assert_eq!(graph.poses()[1], file.vertices[1].1);
+        let mut twice = file.clone();
+        twice.vertices.push(twice.vertices[0]);
+        let mut absent = file;
+        absent.fixed.push(9);
+        assert!(twice.into_graph().is_err() && absent.into_graph().is_err());
     }
 
     #[test]
