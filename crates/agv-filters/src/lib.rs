@@ -1,4 +1,5 @@
-//! Where am I: Kalman filters, sensor fusion, Monte Carlo localisation, landmarks and markers, in a known map.
+//! Where am I: Kalman filters, sensor fusion, Monte Carlo localisation, landmarks and markers, in a known map; and pose graphs, of
+//! which maps are made.
 //!
 //! # Overview
 //! [`kalman`] holds the Kalman filters over any state, motion and reading (extended, iterated, unscented, error-state), a
@@ -13,6 +14,9 @@
 //! and scans weigh ([`particle::SensorModel`]), put together by [`particle::Mcl`], which plays the roles
 //! [`Localizer`](agv_core::roles::Localizer) and [`Correct`](agv_core::roles::Correct); [`particle::Amcl`] adapts the number of
 //! particles and finds a vehicle that may be anywhere, or was carried away.
+//!
+//! [`graph`] holds poses that relations tie together, and corrects them all where a place is met again ([`graph::PoseGraph`],
+//! [`graph::PoseGraphSolver`]), in the plane and in space.
 //!
 //! [`tracking`] finds what moves around the vehicle: [`tracking::ObstacleTracker`].
 //!

@@ -9,10 +9,8 @@ use agv_core::{
     solve::RobustKernel,
 };
 use agv_filters::graph::{PoseGraph, PoseGraphSolver, PoseGraphSolverParams, PoseId, Prior, Relation, RigidMotion};
-use agv_support::g2o;
 use rand::RngExt;
 use rand_distr::StandardNormal;
-use std::path::Path;
 
 /// A drive in rounds, with relations to the round before: the truth, the graph that odometry would start from, and what each
 /// relation's noise was drawn with.
@@ -162,6 +160,69 @@ fn false_closures_do_not_bend_a_robust_graph() {
     assert!(plain > 1.0 && robust < 0.2, "{plain} {robust}");
 }
 
+/// Among 174 closures 90 false ones, each by itself: the poses are nearly those of a graph without them, for either bounded kernel,
+/// where wide kernels come first.
+#[test]
+fn many_false_closures_are_found_by_stages() {
+    let (scale, sigma) = (4.0, Vector3::new(0.05, 0.05, 0.02));
+    let kernels = [RobustKernel::GemanMcClure { scale }, RobustKernel::DynamicCovarianceScaling { scale }];
+    for (seed, kernel) in [(1, kernels[0]), (2, kernels[1]), (3, kernels[0]), (4, kernels[1])] {
+        let (_, mut clean) = rounds(seed, &Se2::new(1.0, 0.0, 0.05), 300, 126, &sigma);
+        let mut spoilt = PoseGraph::new();
+        for pose in clean.poses() {
+            spoilt.add_pose(*pose).unwrap();
+        }
+        for relation in clean.relations() {
+            let odometry = relation.to.0 == relation.from.0 + 1;
+            let kernel = if odometry { RobustKernel::Square } else { kernel };
+            spoilt.add_relation(relation.with_kernel(kernel)).unwrap();
+        }
+        let mut stream = Seed(seed).stream(5, 0);
+        for _ in 0..90 {
+            let (from, to) = (stream.random_range(0..140), stream.random_range(150..300));
+            let measured = Se2::new(
+                stream.random_range(-9.0..9.0),
+                stream.random_range(-9.0..9.0),
+                stream.random_range(-3.0..3.0),
+            );
+            let relation = Relation::new(PoseId(from), PoseId(to), measured, clean.relations()[0].information);
+            spoilt.add_relation(relation.with_kernel(kernel)).unwrap();
+        }
+        solver().optimize(&mut clean).unwrap();
+        let report = solver().optimize_graduated(&mut spoilt).unwrap();
+        assert!(report.termination.converged(), "{report:?}");
+        let off = clean.poses().iter().zip(spoilt.poses()).map(|(a, b)| (a.translation() - b.translation()).norm());
+        let worst = off.fold(0.0, f64::max);
+        assert!(worst < 0.3, "{seed}: {worst}");
+    }
+}
+
+/// How one pose lies to another does not depend on which pose of the graph stays.
+fn relations_are_as_certain_whatever_stays<G: LieGroup>(step: &G, sigma: &G::Tangent) {
+    let (_, mut graph) = rounds(4, step, 40, 17, sigma);
+    let mut solver = solver();
+    solver.optimize(&mut graph).unwrap();
+    let pairs = [(5, 30), (30, 5), (0, 20), (20, 0), (12, 12)].map(|(from, to)| (PoseId(from), PoseId(to)));
+    let ours = pairs.map(|(from, to)| solver.relative_covariance(&graph, from, to).unwrap());
+    for ((from, to), ours) in pairs.into_iter().zip(ours) {
+        graph.hold(from).unwrap();
+        solver.optimize(&mut graph).unwrap();
+        let reference = solver.covariance(to).unwrap();
+        graph.release(from).unwrap();
+        let most = G::matrix_slice(&reference).iter().fold(1e-9, |m: f64, v| m.max(v.abs()));
+        let off = G::matrix_slice(&(ours - reference)).iter().fold(0.0, |m: f64, v| m.max(v.abs()));
+        assert!(off < 1e-4 * most, "{from:?} {to:?}: {ours:?} {reference:?}");
+    }
+    assert_eq!(solver.relative_covariance(&graph, PoseId(0), PoseId(40)), None);
+}
+
+#[test]
+fn relations_are_as_certain_whatever_stays_in_the_plane_and_in_space() {
+    relations_are_as_certain_whatever_stays(&Se2::new(1.0, 0.0, 0.37), &Vector3::new(0.03, 0.02, 0.01));
+    let step = Se3::exp(&Vector6::new(1.0, 0.0, 0.05, 0.01, 0.02, 0.37));
+    relations_are_as_certain_whatever_stays(&step, &Vector6::new(0.03, 0.02, 0.02, 0.004, 0.005, 0.01));
+}
+
 #[test]
 fn what_nothing_ties_stays_and_what_is_held_too() {
     let unit = Matrix3::identity();
@@ -249,15 +310,22 @@ fn bad_input_is_named_and_changes_nothing() {
     }
     assert!(graph.add_prior(Prior::new(absent, Se2::default(), unit)).is_err());
     assert!(graph.add_prior(Prior::new(a, Se2::default(), -unit)).is_err());
+    assert!(graph.release(absent).is_err() && graph.set_pose(absent, Se2::default()).is_err());
+    assert!(graph.set_pose(a, Se2::new(0.0, 0.0, f64::NAN)).is_err() && graph.poses()[0] == Se2::default());
     assert!(graph.hold(absent).is_err() && graph.relations().is_empty() && graph.priors().is_empty());
     let mut params = PoseGraphSolverParams::default();
     params.descent.initial_damping = f64::NAN;
     assert!(PoseGraphSolver::<Se2>::new(params).is_err());
+    for graduation in [1.0, 0.0, f64::NAN, f64::INFINITY] {
+        let params = PoseGraphSolverParams { graduation, ..Default::default() };
+        assert!(matches!(PoseGraphSolver::<Se2>::new(params), Err(Error::OutOfRange { name: "graduation", .. })));
+    }
     // Residuals that overflow: an error, and the poses stay.
     graph.add_relation(Relation::new(a, b, Se2::new(1e200, 0.0, 0.0), unit)).unwrap();
     let before = graph.clone();
-    assert!(solver().optimize(&mut graph).is_err());
-    assert_eq!(graph, before);
+    let mut solver = solver();
+    assert!(solver.optimize(&mut graph).is_err() && solver.optimize_graduated(&mut graph).is_err());
+    assert_eq!((&graph, solver.covariance(b)), (&before, None));
 }
 
 #[cfg(feature = "serde")]
@@ -276,37 +344,6 @@ fn stored_graphs_are_checked_and_go_on_bit_by_bit() {
     let damaged = text.replacen("\"to\":1,", "\"to\":99,", 1);
     assert_ne!(damaged, text);
     assert!(serde_json::from_str::<PoseGraph<Se3>>(&damaged).is_err());
-}
-
-/// The graph of the Intel log, spoilt by its odometry, has 1228 poses and 256 closures.
-#[test]
-fn the_graph_of_a_recorded_drive_closes() {
-    let path = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../../shared/data/slam2d/INTEL_posegraph.g2o.gz");
-    if !path.exists() {
-        eprintln!("skipped: the shared data is not present");
-        return;
-    }
-    let file: g2o::G2o<Se2> = g2o::read(path).unwrap();
-    let mut graph = PoseGraph::new();
-    for (_, pose) in &file.vertices {
-        graph.add_pose(*pose).unwrap();
-    }
-    for edge in &file.edges {
-        let (from, to) = (PoseId(edge.from as u32), PoseId(edge.to as u32));
-        graph.add_relation(Relation::new(from, to, edge.from_from_to, edge.information)).unwrap();
-    }
-    let mut solver = solver();
-    assert!(solver.initialize(&mut graph).unwrap());
-    let report = solver.optimize(&mut graph).unwrap();
-    assert!(report.termination.converged(), "{report:?}");
-    // Gauss and Newton's method by another program, from the file's guess, from the shortest ways and from a chordal guess, ends at
-    // this sum of squares, all three times; its residuals are not logarithms but differences, which are the same to 1e-3 here.
-    assert!((2.0 * report.cost - 215.8302).abs() < 0.1, "{report:?}");
-    let mut params = PoseGraphSolverParams::default();
-    (params.descent.cost_tolerance, params.descent.max_iterations) = (1e-14, 1000);
-    let longer = PoseGraphSolver::new(params).unwrap().optimize(&mut graph).unwrap();
-    assert!(report.cost - longer.cost < 1e-6 * longer.cost, "{report:?} {longer:?}");
-    assert!(report.iterations <= 40, "{report:?}");
 }
 
 /// Whatever the poses were: without noise the guess is the truth, and with noise the descent from it ends where that from the truth

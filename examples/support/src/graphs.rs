@@ -68,7 +68,8 @@ pub fn manhattan(seed: Seed) -> World<Se2> {
         if x % 4 == 0 && y % 4 == 0 {
             let turned = |turn: u8| (heading + turn) % 4;
             // Ahead, left or right, but not out of the city.
-            let ways: Vec<u8> = [0, 0, 1, 3].map(turned).into_iter().filter(|way| inside(stepped(x, y, *way))).collect();
+            let ways: Vec<u8> =
+                [0, 0, 1, 3].map(turned).into_iter().filter(|way| inside(stepped(x, y, *way))).collect();
             heading = ways[stream.random_range(0..ways.len())];
         }
         (x, y) = stepped(x, y, heading);
