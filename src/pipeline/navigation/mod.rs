@@ -8,12 +8,14 @@
 //!                 +--- no progress: Recovery: look again, rotate, back off, ... give up, with a reason
 //! ```
 
+mod contact;
 mod evasion;
 mod manoeuvre;
 mod params;
 mod progress;
 mod recovery;
 mod route;
+mod search;
 mod status;
 
 use crate::Error;
@@ -298,7 +300,7 @@ impl Navigation {
                 if rest.twist == Twist2::ZERO && self.escapes < self.params.recoveries {
                     self.escapes += 1;
                     self.stuck_at.get_or_insert(request.state.map_from_base);
-                    self.behaviour = Some(Behaviour::escape(request, &self.footprint));
+                    self.behaviour = Some(Behaviour::escape(request, self.route.path()));
                     return answer(NavigationStatus::Recovering(Recovery::Escape));
                 }
             }
@@ -339,7 +341,7 @@ impl Navigation {
             self.ended = Some(NavigationStatus::GaveUp(reason));
             return stop(request, NavigationStatus::GaveUp(reason));
         }
-        let behaviour = Behaviour::new(self.recoveries, request, &self.footprint, self.route.path())?;
+        let behaviour = Behaviour::new(self.recoveries, request, self.route.path());
         self.recoveries += 1;
         self.stuck_at.get_or_insert(request.state.map_from_base);
         let (kind, forget_map) = (behaviour.kind(), behaviour.forgets_map());

@@ -3,7 +3,7 @@
 use super::NavigationParams;
 use crate::Error;
 use agv_core::{
-    geometry::{LieGroup, Se2},
+    geometry::{LieGroup, Se2, nearest_on_segment},
     grid::{Costmap, GridLayout, cost},
     nalgebra::Vector2,
     path::Path,
@@ -53,7 +53,7 @@ impl Route {
         let (mut best, mut found, mut from, mut far) = (f64::INFINITY, None, self.place, 0.0);
         for (index, point) in points.iter().enumerate().skip(self.next.max(1)) {
             let to = point.pose.translation();
-            let nearest = nearest_on(&from, &to, &position);
+            let nearest = nearest_on_segment(position, from, to);
             let distance = (nearest - position).norm();
             if distance < best {
                 (best, found) = (distance, Some((index, nearest)));
@@ -172,11 +172,4 @@ pub(super) fn target_in(layout: &GridLayout, here: &Se2, goal: &Se2, border: f64
     let place = here.translation() + (goal.translation() - here.translation()) * share.max(0.0);
     let way = goal.translation() - place;
     Se2::new(place.x, place.y, way.y.atan2(way.x))
-}
-
-fn nearest_on(a: &Vector2<f64>, b: &Vector2<f64>, point: &Vector2<f64>) -> Vector2<f64> {
-    let along = b - a;
-    let length = along.norm_squared();
-    let share = if length > 0.0 { ((point - a).dot(&along) / length).clamp(0.0, 1.0) } else { 0.0 };
-    a + along * share
 }
