@@ -1,4 +1,5 @@
-//! Where am I: Kalman filters, sensor fusion, Monte Carlo localisation, landmarks and markers, in a known map.
+//! Where am I: Kalman filters, sensor fusion, Monte Carlo localisation, landmarks and markers, in a known map; and pose graphs, of
+//! which maps are made.
 //!
 //! # Overview
 //! [`kalman`] holds the Kalman filters over any state, motion and reading (extended, iterated, unscented, error-state), a
@@ -14,6 +15,9 @@
 //! [`Localizer`](agv_core::roles::Localizer) and [`Correct`](agv_core::roles::Correct); [`particle::Amcl`] adapts the number of
 //! particles and finds a vehicle that may be anywhere, or was carried away.
 //!
+//! [`graph`] holds poses that relations tie together, and corrects them all where a place is met again ([`graph::PoseGraph`],
+//! [`graph::PoseGraphSolver`]), in the plane and in space.
+//!
 //! [`tracking`] finds what moves around the vehicle: [`tracking::ObstacleTracker`].
 //!
 //! [`marker`] turns codes and landmarks into poses: [`marker::CodeReader`] locates floor codes in an image,
@@ -27,6 +31,7 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 pub mod fusion;
+pub mod graph;
 pub mod kalman;
 pub mod landmark;
 pub mod marker;

@@ -13,6 +13,7 @@
 //! | UTIAS landmark sightings (MRCLAM) | [`mrclam`] |
 //! | trajectories: TUM, KITTI | [`trajectory`] |
 //! | Kümmerle's relations | [`relations`] |
+//! | pose graphs of g2o, and generated ones | [`g2o`], [`graphs`] |
 //! | reference poses of pairs of clouds | [`pairs`] |
 //! | worlds for local planners: BARN, `DynaBARN`, MRPB | [`localplan`] |
 //! | clouds: PLY, PCD, KITTI and raw binary | [`cloud`] |
@@ -26,6 +27,8 @@ pub mod cli;
 pub mod cloud;
 mod error;
 mod fields;
+pub mod g2o;
+pub mod graphs;
 pub mod input;
 pub mod localplan;
 pub mod log;

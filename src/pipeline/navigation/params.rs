@@ -31,6 +31,8 @@ pub struct NavigationParams {
     pub blocked_time: f64,
     /// How long to wait for an obstacle that moves, in seconds.
     pub patience: f64,
+    /// For how long a course must be left that keeps clear of what moves, in seconds; zero to stand where something comes.
+    pub foresight: f64,
     /// Recovery behaviours before giving up, and as many escapes from contacts beside. Both are counted anew once the vehicle gets
     /// on by itself farther than a metre, and than twice `progress_distance`, from where it got stuck.
     pub recoveries: u32,
@@ -53,6 +55,7 @@ impl Default for NavigationParams {
             progress_time: 4.0,
             blocked_time: 1.0,
             patience: 5.0,
+            foresight: 2.5,
             recoveries: 12,
         }
     }
@@ -75,6 +78,7 @@ impl NavigationParams {
         check::in_range("cost_weight", self.cost_weight, 0.0, 50.0)?;
         check::non_negative("border", self.border)?;
         check::non_negative("patience", self.patience)?;
+        check::in_range("foresight", self.foresight, 0.0, 30.0)?;
         if self.reach != f64::INFINITY {
             check::positive("reach", self.reach)?;
         }

@@ -1,12 +1,15 @@
 //! What to do where neither planner knows a way: small motions that are checked, and another look.
 
-use super::{NavigationRequest, manoeuvre::Manoeuvre};
+use super::{
+    NavigationRequest, contact,
+    manoeuvre::Manoeuvre,
+    search::{Found, Search},
+};
 use crate::Error;
 use agv_core::{
     geometry::{LieGroup, Se2, Twist2, wrap_angle},
     grid::Footprint,
     kinematics::Motion,
-    nalgebra::Vector2,
     path::Path,
 };
 
@@ -35,6 +38,9 @@ pub(super) struct Behaviour {
     heading: f64,
     /// Seconds since it began.
     time: f64,
+    /// The search for a manoeuvre, as long as it takes, and what is done if it finds none.
+    search: Option<Search>,
+    otherwise: Recovery,
     manoeuvre: Manoeuvre,
 }
 
@@ -50,24 +56,20 @@ const BACK: f64 = 0.3;
 /// Speed of a recovery, in metres per second and radians per second.
 const SPEED: f64 = 0.3;
 const TURN_RATE: f64 = 1.0;
-/// How far ahead a way out is looked at, in seconds.
+/// How far ahead a way out is looked at, in steps and seconds of each: past the corner of what is touched.
+const LOOKS: usize = 6;
 const CREEP: f64 = 0.3;
+/// Room around the outline at which a way out of a contact ends, in cells: marks come and go by one cell as the scanner's noise has it.
+const CLEAR: f64 = 1.0;
 /// Least room that a way out gains, in metres.
 const GAIN: f64 = 1e-3;
 
 impl Behaviour {
     /// The behaviour that follows `before` others without progress; where a manoeuvre is due and none is found, the one after it.
-    pub(super) fn new(
-        before: u32,
-        request: &NavigationRequest<'_>,
-        footprint: &Footprint,
-        path: &Path,
-    ) -> Result<Self, Error> {
-        let manoeuvre = if before.is_multiple_of(2) { Manoeuvre::find(request, footprint, path)? } else { None };
+    pub(super) fn new(before: u32, request: &NavigationRequest<'_>, path: &Path) -> Self {
         // Forgetting what was seen loses what lies behind: the last resort.
-        let kind = match before % 8 {
+        let otherwise = match before % 8 {
             7 => Recovery::LookAgain,
-            0 | 2 | 4 | 6 if manoeuvre.is_some() => Recovery::Manoeuvre,
             0 | 1 | 4 | 5 => Recovery::Rotate,
             _ => Recovery::BackOff,
         };
@@ -76,18 +78,19 @@ impl Behaviour {
         let ahead = path.points().iter().map(|point| point.pose.translation() - start.translation());
         let heading =
             ahead.skip_while(|way| way.norm() < 0.5).map(|way| way.y.atan2(way.x)).next().unwrap_or(start.yaw() + 2.0);
-        Ok(Self { kind, start, heading, time: 0.0, manoeuvre: manoeuvre.unwrap_or_default() })
+        let search = if before.is_multiple_of(2) { Search::new(request, path) } else { None };
+        Self { heading, ..Self::searching(request, search, otherwise) }
     }
 
-    /// The way out of a contact.
-    pub(super) fn escape(request: &NavigationRequest<'_>) -> Self {
-        Self {
-            kind: Recovery::Escape,
-            start: request.state.map_from_base,
-            heading: 0.0,
-            time: 0.0,
-            manoeuvre: Manoeuvre::default(),
-        }
+    /// The way out of a contact: one that leads on along the path if there is one, else to more room.
+    pub(super) fn escape(request: &NavigationRequest<'_>, path: &Path) -> Self {
+        Self::searching(request, Search::new(request, path), Recovery::Escape)
+    }
+
+    fn searching(request: &NavigationRequest<'_>, search: Option<Search>, otherwise: Recovery) -> Self {
+        let kind = if search.is_some() { Recovery::Manoeuvre } else { otherwise };
+        let start = request.state.map_from_base;
+        Self { kind, otherwise, start, heading: 0.0, time: 0.0, search, manoeuvre: Manoeuvre::default() }
     }
 
     pub(super) const fn kind(&self) -> Recovery {
@@ -106,8 +109,16 @@ impl Behaviour {
         footprint: &Footprint,
     ) -> Result<Option<Motion>, Error> {
         let (now, dt, limits) = (request.state.motion(), request.dt, request.limits);
-        self.time += dt;
         let rest = limits.brake(&now, dt)?;
+        if let Some(search) = &mut self.search {
+            match search.go_on(request, footprint)? {
+                Found::NotYet => return Ok(Some(rest)),
+                Found::Way(manoeuvre) => self.manoeuvre = manoeuvre,
+                Found::NoWay => self.kind = self.otherwise,
+            }
+            self.search = None;
+        }
+        self.time += dt;
         // Within this cycle: an estimate of a vehicle at rest is never quite zero.
         let stands = rest.twist == Twist2::ZERO;
         let longest = if self.kind == Recovery::Manoeuvre { LONGEST_MANOEUVRE } else { LONGEST };
@@ -146,7 +157,7 @@ impl Behaviour {
         let twist = motion.twist;
         let stop =
             dt + (twist.vx.abs() / limits.twist.deceleration).max(twist.yaw_rate.abs() / limits.twist.yaw_acceleration);
-        let in_the_way = request.map.collides_along(footprint, &request.state.map_from_base, &twist, stop)?
+        let in_the_way = !contact::may_pass(request, footprint, &request.state.map_from_base, &twist, stop)?
             || request.obstacles.iter().any(|obstacle| {
                 let distance = obstacle.distance_after(0.0, &request.state.map_from_base.translation());
                 distance < footprint.circumscribed_radius() + 0.2
@@ -157,7 +168,7 @@ impl Behaviour {
         Ok(Some(motion))
     }
 
-    /// The slow motion that gains most room; none once nothing is touched, or no motion gains any.
+    /// The slow motion that gains most room; none once nothing is near, or no motion gains any.
     fn creep(
         &self,
         request: &NavigationRequest<'_>,
@@ -165,34 +176,32 @@ impl Behaviour {
         rest: &Motion,
     ) -> Result<Option<Motion>, Error> {
         let (here, now, dt) = (request.state.map_from_base, request.state.motion(), request.dt);
-        let is_over = self.time > LONGEST || !request.map.collides(footprint, &here)?;
-        let before = room(request, footprint, &here);
+        let is_over = self.time > LONGEST || !request.map.obstacles().collides_within(footprint, &here, CLEAR)?;
+        let before = contact::room(request, footprint, &here);
         let mut best = (GAIN, None);
         for vx in [-SPEED, 0.0, SPEED] {
             for yaw_rate in [-TURN_RATE, 0.0, TURN_RATE] {
                 let turns = yaw_rate == 0.0 || request.limits.steering.is_none();
                 let twist = Twist2::new(vx, 0.0, yaw_rate);
-                let gain = room(request, footprint, &(here * twist.integrate(CREEP))) - before;
-                if turns && gain > best.0 {
-                    best = (gain, Some(twist));
+                for looks in (1..=LOOKS).filter(|_| turns).map(|look| look as f64) {
+                    let duration = looks * CREEP;
+                    if !contact::may_pass(request, footprint, &here, &twist, duration)? {
+                        break;
+                    }
+                    // The later it is gained, the more it must be.
+                    let room = contact::room(request, footprint, &(here * twist.integrate(duration)));
+                    let gain = (room - before) / looks;
+                    if gain > best.0 {
+                        best = (gain, Some(twist));
+                    }
                 }
             }
         }
         match best.1.filter(|_| !is_over) {
             Some(twist) => Ok(Some(request.limits.step(&now, &twist.into(), dt)?)),
-            None if rest.twist == Twist2::ZERO => Ok(None),
+            // The next look may show a way.
+            None if rest.twist == Twist2::ZERO && (is_over || self.time > LOOK) => Ok(None),
             None => Ok(Some(*rest)),
         }
     }
-}
-
-/// Least distance of the outline from an obstacle's centre, in metres.
-fn room(request: &NavigationRequest<'_>, footprint: &Footprint, pose: &Se2) -> f64 {
-    const PIECES: usize = 4;
-    let distance = |point: &Vector2<f64>| request.map.distance_at(&(*pose * *point)).map_or(f64::INFINITY, |(d, _)| d);
-    let circles = footprint.circles().map(|(x, radius)| distance(&Vector2::new(x, 0.0)) - radius);
-    let vertices = footprint.vertices().unwrap_or_default();
-    let edges = vertices.iter().zip(vertices.iter().cycle().skip(1));
-    let outline = edges.flat_map(|(a, b)| (0..PIECES).map(move |k| a + (b - a) * (k as f64 / PIECES as f64)));
-    outline.map(|point| distance(&point)).chain(circles).fold(f64::INFINITY, f64::min)
 }

@@ -5,7 +5,7 @@ use super::{
     group::{sealed::Sealed, tangent_space},
     series, wrap_angle,
 };
-use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, Quaternion, Rotation3, UnitQuaternion, Vector3};
 use std::{f64::consts::FRAC_PI_2, ops::Mul};
 
 /// A rotation of space.
@@ -56,6 +56,36 @@ impl So3 {
         } else {
             (wrap_angle(sum + difference), pitch, wrap_angle(sum - difference))
         }
+    }
+
+    /// The rotation that is nearest to a matrix, in the sense of the sum of squared differences of the entries (Horn et al.,
+    /// *Closed-form solution of absolute orientation using orthonormal matrices*, 1988; Kabsch 1976), and how clearly it is: the
+    /// least part of the matrix that tells it from its neighbours, beside the greatest, in [0, 2]. Where that is zero it is one of
+    /// many. None for a matrix that is not finite.
+    ///
+    /// ```
+    /// use agv_core::geometry::So3;
+    ///
+    /// let rotation = So3::from_roll_pitch_yaw(0.1, 0.2, 0.3);
+    /// let (nearest, clearness) = So3::nearest(&(rotation.matrix() * 7.0)).unwrap();
+    /// assert!((nearest.matrix() - rotation.matrix()).norm() < 1e-12 && clearness > 1.999);
+    /// ```
+    pub fn nearest(matrix: &Matrix3<f64>) -> Option<(Self, f64)> {
+        if !matrix.iter().all(|entry| entry.is_finite()) {
+            return None;
+        }
+        let svd = matrix.svd(true, true);
+        let (u, v_t) = (svd.u?, svd.v_t?);
+        // A reflection would be nearer to mirrored or flat matrices: turn the weakest axis back.
+        let mut sign = Vector3::repeat(1.0);
+        let weakest = svd.singular_values.imin();
+        sign[weakest] = (u.determinant() * v_t.determinant()).signum();
+        let rotation = Rotation3::from_matrix_unchecked(u * Matrix3::from_diagonal(&sign) * v_t);
+        let greatest = svd.singular_values.max();
+        let middle = svd.singular_values.sum() - greatest - svd.singular_values[weakest];
+        let gap = (middle + sign[weakest] * svd.singular_values[weakest]).max(0.0);
+        let clearness = if greatest > 0.0 { gap / greatest } else { 0.0 };
+        Some((Self::from(UnitQuaternion::from_rotation_matrix(&rotation)), clearness))
     }
 
     /// The rotation as a 3x3 matrix.
@@ -183,5 +213,44 @@ impl From<UnitQuaternion<f64>> for So3 {
 impl From<So3> for UnitQuaternion<f64> {
     fn from(rotation: So3) -> Self {
         rotation.0
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    proptest! {
+        /// No other rotation is nearer, whether the matrix is a stretched rotation, a mirrored or a flat one.
+        #[test]
+        fn no_rotation_is_nearer_than_the_nearest(
+            entries in prop::array::uniform9(-2.0..2.0_f64),
+            flat in any::<bool>(),
+            other in prop::array::uniform3(-3.0..3.0_f64),
+        ) {
+            let mut matrix = Matrix3::from_row_slice(&entries);
+            if flat {
+                matrix.fill_column(2, 0.0);
+            }
+            let (nearest, clearness) = So3::nearest(&matrix).unwrap();
+            let off = |rotation: So3| (rotation.matrix() - matrix).norm_squared();
+            let other = Vector3::from(other);
+            for step in [other, other * 1e-3] {
+                prop_assert!(off(nearest) <= off(nearest.plus(&step)) * (1.0 + 1e-12), "{step}");
+            }
+            prop_assert!((0.0..=2.0 + 1e-12).contains(&clearness));
+        }
+    }
+
+    #[test]
+    fn what_has_no_nearest_rotation_is_said() {
+        assert!(So3::nearest(&Matrix3::repeat(f64::NAN)).is_none());
+        // Along an axis nothing says how far to turn about it; a mirror in a point leaves every half turn.
+        let axis = Matrix3::from_diagonal(&Vector3::new(3.0, 0.0, 0.0));
+        for undecided in [Matrix3::zeros(), axis, -Matrix3::identity()] {
+            let (rotation, clearness) = So3::nearest(&undecided).unwrap();
+            assert!(rotation.is_finite() && clearness < 1e-12, "{undecided}");
+        }
     }
 }

@@ -1,7 +1,7 @@
 //! What the metrics need of a pose beyond the group: distances, and the best fit of two sets of positions.
 
 use crate::geometry::{LieGroup, Se2, Se3, So2, So3};
-use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// A pose that trajectories are made of: [`Se2`] or [`Se3`].
 pub trait TrajectoryPose: LieGroup {
@@ -54,13 +54,7 @@ impl TrajectoryPose for Se3 {
         let (count, to, from) = sums(positions.clone(), Vector3::zeros());
         let (to, from) = (to / count, from / count);
         let moment = positions.fold(Matrix3::zeros(), |sum, (a, b)| sum + (a - to) * (b - from).transpose());
-        let svd = moment.svd(true, true);
-        let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else { return Self::identity() };
-        // A reflection would fit mirrored or planar positions better; turn the weakest axis back.
-        let mut sign = Vector3::repeat(1.0);
-        sign[svd.singular_values.imin()] = (u.determinant() * v_t.determinant()).signum();
-        let rotation = Rotation3::from_matrix_unchecked(u * Matrix3::from_diagonal(&sign) * v_t);
-        let rotation = So3::from(UnitQuaternion::from_rotation_matrix(&rotation));
+        let rotation = So3::nearest(&moment).map_or_else(So3::default, |(rotation, _)| rotation);
         Self::from_parts(to - rotation.act(&from), rotation)
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{
     BandedCholesky, BandedMatrix,
-    normal::{FIXED, NormalSystem, damped},
+    normal::{FIXED, NormalSystem, diagonal_damping},
 };
 use crate::{Error, check};
 use nalgebra::{SMatrix, SVector};
@@ -111,7 +111,7 @@ impl NormalSystem for BandedNormalEquations {
     }
 
     fn solve_damped(&mut self, damping: f64, scale: &[f64], step: &mut [f64]) -> bool {
-        if self.factor.factor_shifted(&self.hessian, |row| damped(damping, scale[row])).is_err() {
+        if self.factor.factor_shifted(&self.hessian, |row| diagonal_damping(damping, scale[row])).is_err() {
             return false;
         }
         step.iter_mut().zip(&self.gradient).for_each(|(step, g)| *step = -g);

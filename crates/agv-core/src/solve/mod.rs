@@ -13,7 +13,7 @@ pub use levenberg_marquardt::{
     LeastSquares, LeastSquaresReport, LeastSquaresTermination, LeastSquaresWorkspace, LevenbergMarquardt,
     LevenbergMarquardtParams, Minimum, StructuredLeastSquares,
 };
-pub use normal::{FIXED, NormalEquations, NormalSystem};
+pub use normal::{FIXED, NormalEquations, NormalSystem, diagonal_damping};
 pub use qp::{
     Bound, Constraint, QuadraticOutcome, QuadraticParams, QuadraticSolver, QuadraticStatus, QuadraticVectors,
 };

@@ -81,9 +81,10 @@ pub trait NormalSystem {
     fn solve_damped(&mut self, damping: f64, scale: &[f64], step: &mut [f64]) -> bool;
 }
 
-/// What an unknown's diagonal entry grows by.
+/// What damping adds to the diagonal entry of an unknown whose scale is `scale`, by the rule of
+/// [`NormalSystem::solve_damped`]; for those who write a system of their own.
 #[inline]
-pub(super) fn damped(damping: f64, scale: f64) -> f64 {
+pub fn diagonal_damping(damping: f64, scale: f64) -> f64 {
     if scale > 0.0 { damping * scale } else { 1.0 }
 }
 
@@ -188,7 +189,7 @@ impl<const N: usize> NormalSystem for NormalEquations<N> {
     fn solve_damped(&mut self, damping: f64, scale: &[f64], step: &mut [f64]) -> bool {
         let mut matrix = self.hessian;
         for i in 0..N {
-            matrix[(i, i)] += damped(damping, scale[i]);
+            matrix[(i, i)] += diagonal_damping(damping, scale[i]);
         }
         let Some(factor) = matrix.cholesky() else { return false };
         step.copy_from_slice(factor.solve(&-self.gradient).as_slice());

@@ -10,6 +10,10 @@
 //! | Huber | s; 2 c √s - c² beyond c² | 1; c / √s | is bounded |
 //! | Cauchy | c² ln(1 + s/c²) | c² / (c² + s) | falls with its distance |
 //! | Geman–McClure | c² s / (c² + s) | (c² / (c² + s))² | falls with its cube |
+//! | dynamic covariance scaling | s; c² (3 s - c²) / (c² + s) beyond c² | 1; (2 c² / (c² + s))² | falls with its cube |
+//!
+//! The last is what remains of a switch for each residual, with a price `c²` for turning it off, when the best switch is put in
+//! (Agarwal et al., *Robust map optimization using dynamic covariance scaling*, 2013).
 
 use crate::{Error, check};
 
@@ -47,6 +51,11 @@ pub enum RobustKernel {
         /// Residual whose weight is quartered.
         scale: f64,
     },
+    /// Bounded, and plain least squares within the scale: inliers count in full. Needs a start that is near.
+    DynamicCovarianceScaling {
+        /// Residual beyond which the weight falls.
+        scale: f64,
+    },
 }
 
 impl RobustKernel {
@@ -55,10 +64,36 @@ impl RobustKernel {
     /// # Errors
     /// [`Error::NotPositive`].
     pub fn checked(self) -> Result<Self, Error> {
-        if let Self::Huber { scale } | Self::Cauchy { scale } | Self::GemanMcClure { scale } = self {
+        if let Some(scale) = self.scale() {
             check::positive("scale of the robust kernel", scale)?;
         }
         Ok(self)
+    }
+
+    /// The scale `c`; none for plain least squares.
+    #[inline]
+    pub const fn scale(self) -> Option<f64> {
+        match self {
+            Self::Square => None,
+            Self::Huber { scale }
+            | Self::Cauchy { scale }
+            | Self::GemanMcClure { scale }
+            | Self::DynamicCovarianceScaling { scale } => Some(scale),
+        }
+    }
+
+    /// The kernel of the same kind whose scale is `factor` times this one's: nearer to plain least squares the greater it is.
+    #[inline]
+    #[must_use]
+    pub const fn widened(mut self, factor: f64) -> Self {
+        match &mut self {
+            Self::Square => {}
+            Self::Huber { scale }
+            | Self::Cauchy { scale }
+            | Self::GemanMcClure { scale }
+            | Self::DynamicCovarianceScaling { scale } => *scale *= factor,
+        }
+        self
     }
 
     /// `ϱ(s)` of a squared residual; half of it is what the cost takes.
@@ -70,6 +105,12 @@ impl RobustKernel {
             Self::Huber { scale } => scale * (2.0 * squared.sqrt() - scale),
             Self::Cauchy { scale } => scale * scale * (squared / (scale * scale)).ln_1p(),
             Self::GemanMcClure { scale } => squared / (1.0 + squared / (scale * scale)),
+            Self::DynamicCovarianceScaling { scale } if squared <= scale * scale => squared,
+            Self::DynamicCovarianceScaling { scale } => {
+                // In parts of c²: the squares of large numbers overflow.
+                let ratio = scale * scale / squared;
+                scale * scale * (3.0 - ratio) / (1.0 + ratio)
+            }
         }
     }
 
@@ -82,6 +123,8 @@ impl RobustKernel {
             Self::Huber { scale } => scale / squared.sqrt(),
             Self::Cauchy { scale } => 1.0 / (1.0 + squared / (scale * scale)),
             Self::GemanMcClure { scale } => (1.0 + squared / (scale * scale)).powi(-2),
+            Self::DynamicCovarianceScaling { scale } if squared <= scale * scale => 1.0,
+            Self::DynamicCovarianceScaling { scale } => (0.5 + 0.5 * squared / (scale * scale)).powi(-2),
         }
     }
 }
@@ -91,9 +134,20 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    fn kernels(scale: f64) -> [RobustKernel; 4] {
-        use RobustKernel::{Cauchy, GemanMcClure, Huber, Square};
-        [Square, Huber { scale }, Cauchy { scale }, GemanMcClure { scale }]
+    fn kernels(scale: f64) -> [RobustKernel; 5] {
+        use RobustKernel::{Cauchy, DynamicCovarianceScaling, GemanMcClure, Huber, Square};
+        [Square, Huber { scale }, Cauchy { scale }, GemanMcClure { scale }, DynamicCovarianceScaling { scale }]
+    }
+
+    #[test]
+    fn wider_kernels_are_those_of_a_wider_scale_and_bounded_ones_stay_bounded() {
+        for (kernel, wide) in kernels(0.5).into_iter().zip(kernels(2.0)) {
+            assert_eq!(kernel.widened(4.0), wide);
+            assert!(wide.loss(9.0) >= kernel.loss(9.0) && wide.scale().is_none_or(|scale| scale == 2.0));
+        }
+        for bounded in &kernels(2.0)[3..] {
+            assert!(bounded.loss(1e300) <= 12.0 && bounded.weight(1e300) < 1e-300, "{bounded:?}");
+        }
     }
 
     proptest! {

@@ -10,8 +10,10 @@
 //! The first two are a grid of samples, with the window's edges and zero always among them; the third is what the
 //! [`Guard`](crate::local::Guard) decides on the best in turn.
 
+mod aim;
 mod params;
 mod planner;
+mod sampler;
 mod window;
 
 pub use params::{AdaptiveWindow, DwaParams};

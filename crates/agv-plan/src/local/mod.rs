@@ -10,6 +10,7 @@
 pub mod critics;
 mod field;
 mod guard;
+pub(crate) mod lead;
 pub mod moving;
 mod reference;
 mod tracked;

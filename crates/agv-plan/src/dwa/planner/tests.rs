@@ -8,7 +8,7 @@ use crate::local::{
 };
 use agv_core::{
     compute::Seed,
-    geometry::Se2,
+    geometry::{LieGroup, Se2},
     grid::{CellState, Costmap, Footprint, Grid, GridLayout, LocalMap, LocalMapParams},
     kinematics::MotionLimits,
     obstacle::MovingObstacle,
@@ -274,4 +274,20 @@ fn the_window_follows_speed_and_room() {
     assert_eq!(time(&free, 1.0), 0.6);
     assert_eq!(time(&free, 0.0), 0.3);
     assert!(time(&near, 1.0) < 0.25);
+}
+
+/// Nothing stands in the hall, so whoever bars all ways is waited for, not planned around.
+#[test]
+fn who_moves_and_rules_all_trajectories_out_is_told() {
+    let (map, limits, way) = (hall(None), MotionLimits::default(), path());
+    for (vx, x) in [(0.0, 0.3), (0.8, 0.3)] {
+        let mut planner = Dwa::new(params()).unwrap();
+        let person = [MovingObstacle::new(Vector2::new(x, 0.0), Vector2::new(-0.5, 0.0), 0.5).unwrap()];
+        let state = VehicleState::new(Se2::default(), Twist2::new(vx, 0.0, 0.0));
+        let command = planner
+            .command(LocalPlanRequest { state, path: &way, map: &map, obstacles: &person, limits: &limits, dt: 0.1 })
+            .unwrap();
+        assert!(planner.costs().iter().all(|cost| cost.is_infinite()), "{vx} {x}");
+        assert_eq!(command.status, LocalPlanStatus::Blocked(BlockReason::MovingObstacle), "{vx} {x}");
+    }
 }
