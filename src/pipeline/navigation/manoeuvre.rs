@@ -44,9 +44,8 @@ impl Piece {
     /// What it costs, in metres: backing up and turning take longer.
     pub(super) const fn cost(self) -> f64 {
         match (self.way, self.turn) {
-            (0, _) => 0.08,
             (1, 0) => PIECE,
-            (1, _) => 0.08,
+            (0 | 1, _) => 0.08,
             (_, 0) => 1.5 * PIECE,
             _ => 0.12,
         }
