@@ -19,7 +19,7 @@ use agv_core::{
 pub enum Recovery {
     /// Stands while the surroundings are forgotten and seen anew.
     LookAgain,
-    /// Drives straight pieces and turns on the spot that a search found, to a place ahead on the path.
+    /// Drives straight pieces, turns on the spot and tight arcs that a search found, to a place ahead on the path.
     Manoeuvre,
     /// Turns on the spot to where the path leads.
     Rotate,
@@ -41,12 +41,15 @@ pub(super) struct Behaviour {
     /// The search for a manoeuvre, as long as it takes, and what is done if it finds none.
     search: Option<Search>,
     otherwise: Recovery,
+    /// Seconds of the search.
+    sought: f64,
     manoeuvre: Manoeuvre,
 }
 
 /// Longest a behaviour takes, in seconds; a manoeuvre of many pieces may take longer.
 const LONGEST: f64 = 3.0;
 const LONGEST_MANOEUVRE: f64 = 15.0;
+const LONGEST_SEARCH: f64 = 10.0;
 /// How long it may take to come to rest after that, in seconds: then it ends, whatever the estimate says.
 const OVERTIME: f64 = 2.0;
 /// How long a vehicle stands to look again, in seconds: some scans.
@@ -90,7 +93,7 @@ impl Behaviour {
     fn searching(request: &NavigationRequest<'_>, search: Option<Search>, otherwise: Recovery) -> Self {
         let kind = if search.is_some() { Recovery::Manoeuvre } else { otherwise };
         let start = request.state.map_from_base;
-        Self { kind, otherwise, start, heading: 0.0, time: 0.0, search, manoeuvre: Manoeuvre::default() }
+        Self { kind, otherwise, start, heading: 0.0, time: 0.0, search, sought: 0.0, manoeuvre: Manoeuvre::default() }
     }
 
     pub(super) const fn kind(&self) -> Recovery {
@@ -110,23 +113,35 @@ impl Behaviour {
     ) -> Result<Option<Motion>, Error> {
         let (now, dt, limits) = (request.state.motion(), request.dt, request.limits);
         let rest = limits.brake(&now, dt)?;
-        if let Some(search) = &mut self.search {
-            match search.go_on(request, footprint)? {
-                Found::NotYet => return Ok(Some(rest)),
-                Found::Way(manoeuvre) => self.manoeuvre = manoeuvre,
-                Found::NoWay => self.kind = self.otherwise,
-            }
-            self.search = None;
-        }
-        self.time += dt;
         // Within this cycle: an estimate of a vehicle at rest is never quite zero.
         let stands = rest.twist == Twist2::ZERO;
+        if let Some(search) = &mut self.search {
+            self.sought += dt;
+            let is_over = self.sought > LONGEST_SEARCH;
+            if !stands && !is_over {
+                return Ok(Some(rest));
+            }
+            search.stay_with(&request.state.map_from_base);
+            match search.go_on(request, footprint)? {
+                Found::NotYet if !is_over => return Ok(Some(rest)),
+                Found::Way(manoeuvre) => self.manoeuvre = manoeuvre,
+                Found::NotYet | Found::NoWay => self.kind = self.otherwise,
+            }
+            self.search = None;
+            self.start = request.state.map_from_base;
+        }
+        self.time += dt;
         let longest = if self.kind == Recovery::Manoeuvre { LONGEST_MANOEUVRE } else { LONGEST };
         if self.time > longest + if stands { 0.0 } else { OVERTIME } {
             return Ok(None);
         }
         let wish = match self.kind {
-            Recovery::Escape => return self.creep(request, footprint, &rest),
+            // The next look may show a way.
+            Recovery::Escape => match self.creep(request, footprint)? {
+                Some(wish) => wish,
+                None if self.time > LOOK => Twist2::ZERO,
+                None => return Ok(Some(rest)),
+            },
             Recovery::LookAgain if self.time > LOOK => return Ok(None),
             Recovery::LookAgain => Twist2::ZERO,
             Recovery::Manoeuvre => match self.manoeuvre.wish(request, stands) {
@@ -163,23 +178,22 @@ impl Behaviour {
                 distance < footprint.circumscribed_radius() + 0.2
             });
         if in_the_way {
-            return Ok((!stands).then_some(rest));
+            // Out of a contact there is nothing else to do than to wait.
+            return Ok((!stands || self.kind == Recovery::Escape).then_some(rest));
         }
         Ok(Some(motion))
     }
 
-    /// The slow motion that gains most room; none once nothing is near, or no motion gains any.
-    fn creep(
-        &self,
-        request: &NavigationRequest<'_>,
-        footprint: &Footprint,
-        rest: &Motion,
-    ) -> Result<Option<Motion>, Error> {
-        let (here, now, dt) = (request.state.map_from_base, request.state.motion(), request.dt);
-        let is_over = self.time > LONGEST || !request.map.obstacles().collides_within(footprint, &here, CLEAR)?;
+    /// The slow motion that gains most room; standing once nothing is near, none if no motion gains any.
+    fn creep(&self, request: &NavigationRequest<'_>, footprint: &Footprint) -> Result<Option<Twist2>, Error> {
+        let here = request.state.map_from_base;
+        if !request.map.obstacles().collides_within(footprint, &here, CLEAR)? {
+            return Ok(Some(Twist2::ZERO));
+        }
+        let backs = request.limits.twist.reverse_speed > 0.0;
         let before = contact::room(request, footprint, &here);
         let mut best = (GAIN, None);
-        for vx in [-SPEED, 0.0, SPEED] {
+        for vx in [-SPEED, 0.0, SPEED].into_iter().filter(|&vx| backs || vx >= 0.0) {
             for yaw_rate in [-TURN_RATE, 0.0, TURN_RATE] {
                 let turns = yaw_rate == 0.0 || request.limits.steering.is_none();
                 let twist = Twist2::new(vx, 0.0, yaw_rate);
@@ -197,11 +211,6 @@ impl Behaviour {
                 }
             }
         }
-        match best.1.filter(|_| !is_over) {
-            Some(twist) => Ok(Some(request.limits.step(&now, &twist.into(), dt)?)),
-            // The next look may show a way.
-            None if rest.twist == Twist2::ZERO && (is_over || self.time > LOOK) => Ok(None),
-            None => Ok(Some(*rest)),
-        }
+        Ok(best.1)
     }
 }
