@@ -6,6 +6,7 @@ use crate::{
     local::{
         Drive, Guard, NavigationField, Reference, Task, Trajectories, Verdict, check_request,
         critics::{Critic, Oscillation, PreferForward, Progress, Scene, score},
+        lead,
     },
 };
 use agv_core::{
@@ -68,15 +69,7 @@ pub struct Dwa {
     pub(super) turns: Vec<f64>,
     /// What was aimed at last.
     last: Twist2,
-    progress: Patience,
-}
-
-/// How long there has been no progress.
-#[derive(Debug, Clone, Copy, Default)]
-struct Patience {
-    /// Least that remained, in metres, and time of driving since then, in seconds: who stands for somebody does not lose it.
-    least: f64,
-    waited: f64,
+    progress: lead::Patience,
 }
 
 /// Way that counts as progress, in metres.
@@ -124,7 +117,7 @@ impl Dwa {
             speeds: Vec::new(),
             turns: Vec::new(),
             last: Twist2::ZERO,
-            progress: Patience::default(),
+            progress: lead::Patience::default(),
             params,
         })
     }
@@ -165,7 +158,7 @@ impl Dwa {
             return self.blocked(request, BlockReason::Obstacle);
         };
         self.field.trace(&position);
-        if self.gives_up(drive) {
+        if self.progress.look(drive.remaining) > self.params.patience {
             return self.blocked(request, BlockReason::Limits);
         }
         self.sample(request, drive);
@@ -232,7 +225,7 @@ impl Dwa {
                     let status = if stands && !turns_wheels {
                         LocalPlanStatus::Blocked(self.standing_reason(request))
                     } else {
-                        self.progress.waited += request.dt;
+                        self.progress.spend(request.dt);
                         LocalPlanStatus::Following
                     };
                     return Ok(Some(LocalCommand { motion, status }));
@@ -259,15 +252,6 @@ impl Dwa {
     fn blocked(&self, request: &LocalPlanRequest<'_>, reason: BlockReason) -> Result<LocalCommand, LocalPlanError> {
         let motion = self.guard.brake(request)?;
         Ok(LocalCommand { motion, status: LocalPlanStatus::Blocked(reason) })
-    }
-
-    /// Whether it drove without progress for too long.
-    fn gives_up(&mut self, drive: &Drive) -> bool {
-        let patience = &mut self.progress;
-        if self.reference.is_new() || drive.remaining < patience.least - PROGRESS {
-            *patience = Patience { least: drive.remaining, waited: 0.0 };
-        }
-        patience.waited > self.params.patience
     }
 
     /// Turns on the spot: the shorter way, unless that is closed and the other is not. An angle of zero is a stop on the way.
@@ -304,7 +288,11 @@ impl LocalPlanner for Dwa {
             let motion = self.guard.brake(&request)?;
             return Ok(LocalCommand { motion, status: LocalPlanStatus::InCollision });
         }
-        match self.reference.update_trusted(&request) {
+        let task = self.reference.update_trusted(&request);
+        if self.reference.is_new() {
+            self.progress = lead::Patience::default();
+        }
+        match task {
             Task::Drive(drive) => self.drive(&request, &drive),
             Task::Turn(error) => self.turn(&request, error),
             Task::Arrive => {

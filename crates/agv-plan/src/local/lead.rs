@@ -80,19 +80,26 @@ pub(crate) fn speed_cap(request: &LocalPlanRequest<'_>, drive: &Drive, stopping_
     stopping_speed(to_stop, deceleration, request.dt).max(0.05)
 }
 
-/// How long there has been no progress.
-#[derive(Debug, Clone, Copy, Default)]
+/// How long there has been no progress; on a new path it begins anew.
+#[derive(Debug, Clone, Copy)]
 pub(crate) struct Patience {
     /// Least that remained, in metres, and time of driving since then, in seconds: who stands for somebody does not lose it.
     least: f64,
     waited: f64,
 }
 
+impl Default for Patience {
+    /// Of a path on which the vehicle has not driven yet.
+    fn default() -> Self {
+        Self { least: f64::INFINITY, waited: 0.0 }
+    }
+}
+
 impl Patience {
-    /// Looks at what remains of the path, or of a new one; the time without progress, in seconds.
-    pub(crate) fn look(&mut self, drive: &Drive, is_new: bool) -> f64 {
-        if is_new || drive.remaining < self.least - PROGRESS {
-            *self = Self { least: drive.remaining, waited: 0.0 };
+    /// Looks at what remains of the path, in metres; the time without progress, in seconds.
+    pub(crate) fn look(&mut self, remaining: f64) -> f64 {
+        if remaining < self.least - PROGRESS {
+            *self = Self { least: remaining, waited: 0.0 };
         }
         self.waited
     }

@@ -177,7 +177,7 @@ impl Mppi {
             return self.blocked(request, BlockReason::Obstacle);
         };
         self.field.trace(&position);
-        if self.progress.look(drive, self.reference.is_new()) > self.params.patience {
+        if self.progress.look(drive.remaining) > self.params.patience {
             return self.blocked(request, BlockReason::Limits);
         }
         let scene = Scene {
@@ -314,7 +314,11 @@ impl LocalPlanner for Mppi {
             let motion = self.guard.brake(&request)?;
             return Ok(LocalCommand { motion, status: LocalPlanStatus::InCollision });
         }
-        match self.reference.update_trusted(&request) {
+        let task = self.reference.update_trusted(&request);
+        if self.reference.is_new() {
+            self.progress = lead::Patience::default();
+        }
+        match task {
             Task::Drive(drive) => self.drive(&request, &drive),
             Task::Turn(error) => {
                 self.rest();

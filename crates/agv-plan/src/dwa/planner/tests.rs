@@ -291,3 +291,31 @@ fn who_moves_and_rules_all_trajectories_out_is_told() {
         assert_eq!(command.status, LocalPlanStatus::Blocked(BlockReason::MovingObstacle), "{vx} {x}");
     }
 }
+
+/// What was left of the last path is no progress on the next, even if that begins with a turn.
+#[test]
+fn a_path_that_begins_with_a_turn_is_a_new_one() {
+    let (map, limits) = (hall(None), MotionLimits::default());
+    let mut planner = Dwa::new(DwaParams { patience: 3.0, ..params() }).unwrap();
+    let mut state = VehicleState::new(Se2::default(), Twist2::ZERO);
+    let first = Path::from_positions(&[Vector2::zeros(), Vector2::new(1.0, 0.0)]).unwrap();
+    let mut second = Path::new();
+    for (x, yaw) in [(1.0, 0.0), (1.0, 3.0), (1.0, 0.0), (6.0, 0.0)] {
+        second.push(PathPoint { pose: Se2::new(x, 0.0, yaw), ..PathPoint::default() }).unwrap();
+    }
+    for (path, turns) in [(&first, false), (&second, true)] {
+        let mut status = LocalPlanStatus::Following;
+        state.twist = Twist2::ZERO;
+        for cycle in 0..300 {
+            let request = LocalPlanRequest { state, path, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
+            let command = planner.command(request).unwrap();
+            assert!(!turns || cycle > 0 || command.motion.twist.yaw_rate.abs() > 0.05, "{command:?}");
+            state = state.after(&command.motion, 0.1);
+            status = command.status;
+            if status == LocalPlanStatus::Arrived {
+                break;
+            }
+        }
+        assert_eq!(status, LocalPlanStatus::Arrived, "{state:?}");
+    }
+}
