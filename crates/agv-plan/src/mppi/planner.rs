@@ -11,7 +11,7 @@ use crate::{
     local::{
         Drive, Guard, NavigationField, Reference, Task, Trajectories, Verdict, check_request,
         critics::{Critic, Oscillation, PreferForward, Progress, Scene, Spread},
-        lead,
+        lead, trajectories,
     },
 };
 use agv_core::{
@@ -191,9 +191,7 @@ impl Mppi {
         };
         let Self { params, plan, blocks, mean, spreads, sums, .. } = self;
         let (ranges, sigmas) = reach(request, drive, params);
-        let twist = request.state.twist;
-        let turn = if request.limits.steering.is_some() { 0.0 } else { twist.yaw_rate };
-        let now = [twist.vx, twist.vy, turn].map(|value| value as f32);
+        let now = trajectories::now(&request.state, request.limits);
         plan.move_on(request.dt / step_of(params), params.steps, now);
         let proposal = Proposal { plan, params, ranges, sigmas };
         let (seed, cycle) = (self.seed, self.cycle);
