@@ -302,33 +302,43 @@ impl Mppi {
         self.rest();
         lead::blocked(&self.guard, request, reason)
     }
-}
 
-impl LocalPlanner for Mppi {
-    fn command(&mut self, request: LocalPlanRequest<'_>) -> Result<LocalCommand, LocalPlanError> {
-        check_request(&request)?;
-        if self.guard.touches(&request)? {
+    /// A cycle; one that fails may leave half a plan.
+    fn cycle(&mut self, request: &LocalPlanRequest<'_>) -> Result<LocalCommand, LocalPlanError> {
+        check_request(request)?;
+        if self.guard.touches(request)? {
             self.rest();
-            let motion = self.guard.brake(&request)?;
+            let motion = self.guard.brake(request)?;
             return Ok(LocalCommand { motion, status: LocalPlanStatus::InCollision });
         }
-        let task = self.reference.update_trusted(&request);
+        let task = self.reference.update_trusted(request);
         if self.reference.is_new() {
             self.progress = lead::Patience::default();
         }
         match task {
-            Task::Drive(drive) => self.drive(&request, &drive),
+            Task::Drive(drive) => self.drive(request, &drive),
             Task::Turn(error) => {
                 self.rest();
-                lead::turn(&self.guard, &request, error, self.params.guard.margin)
+                lead::turn(&self.guard, request, error, self.params.guard.margin)
             }
             Task::Arrive => {
                 self.rest();
-                let motion = self.guard.brake(&request)?;
+                let motion = self.guard.brake(request)?;
                 Ok(LocalCommand { motion, status: LocalPlanStatus::Arrived })
             }
-            Task::OffPath => self.blocked(&request, BlockReason::OffPath),
+            Task::OffPath => self.blocked(request, BlockReason::OffPath),
         }
+    }
+}
+
+impl LocalPlanner for Mppi {
+    fn command(&mut self, request: LocalPlanRequest<'_>) -> Result<LocalCommand, LocalPlanError> {
+        let command = self.cycle(&request);
+        // A plan that was moved on or averaged, but not begun, is none.
+        if command.is_err() {
+            self.rest();
+        }
+        command
     }
 }
 
