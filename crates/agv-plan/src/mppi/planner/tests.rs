@@ -10,6 +10,7 @@ use agv_core::{
 };
 use nalgebra::Vector2;
 use rand_distr::{Distribution, Normal};
+use std::f64::consts::FRAC_PI_2;
 
 fn hall(post: Option<(f64, f64, f64)>) -> LocalMap {
     let layout = GridLayout::new(180, 120, 0.05, Se2::new(-1.5, -3.0, 0.0)).unwrap();
@@ -208,11 +209,11 @@ fn bad_input_is_refused_or_told() {
 fn a_path_that_begins_with_a_turn_is_a_new_one() {
     let (map, limits) = (hall(None), MotionLimits::default());
     let mut planner = Mppi::new(MppiParams { patience: 3.0, samples: 400, ..params() }, Seed(2)).unwrap();
-    let mut state = VehicleState::new(Se2::default(), Twist2::ZERO);
-    let first = Path::from_positions(&[Vector2::zeros(), Vector2::new(1.0, 0.0)]).unwrap();
+    let mut state = VehicleState::new(Se2::new(0.0, -2.0, FRAC_PI_2), Twist2::ZERO);
+    let first = Path::from_positions(&[Vector2::new(0.0, -2.0), Vector2::new(0.0, -1.0)]).unwrap();
     let mut second = Path::new();
-    for (x, yaw) in [(1.0, 0.0), (1.0, 3.0), (1.0, 0.0), (6.0, 0.0)] {
-        second.push(PathPoint { pose: Se2::new(x, 0.0, yaw), ..PathPoint::default() }).unwrap();
+    for (x, yaw) in [(0.0, FRAC_PI_2), (0.0, 0.0), (6.0, 0.0)] {
+        second.push(PathPoint { pose: Se2::new(x, -1.0, yaw), ..PathPoint::default() }).unwrap();
     }
     for (path, turns) in [(&first, false), (&second, true)] {
         let mut status = LocalPlanStatus::Following;
