@@ -219,10 +219,10 @@ fn a_post_in_the_short_way_is_turned_around() {
 #[test]
 fn a_stop_on_the_way_is_no_turn() {
     let (map, limits, way) = (hall(None), MotionLimits::default(), path());
-    let mut planner = Dwa::new(params()).unwrap();
+    let planner = Dwa::new(params()).unwrap();
     let state = VehicleState::new(Se2::default(), Twist2::new(0.3, 0.0, 0.0));
     let request = LocalPlanRequest { state, path: &way, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
-    let command = planner.turn(&request, 0.0).unwrap();
+    let command = lead::turn(&planner.guard, &request, 0.0).unwrap();
     assert_eq!(command.motion.twist.yaw_rate, 0.0);
     assert!((command.motion.twist.vx - 0.25).abs() < 1e-9 && command.status == LocalPlanStatus::Following);
 }
