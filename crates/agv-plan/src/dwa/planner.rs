@@ -150,7 +150,7 @@ impl Dwa {
         let pose = request.state.map_from_base;
         let position = pose.translation();
         self.field.set_map(request.map, self.params.footprint.inscribed_radius());
-        let ahead = (self.params.look_ahead, self.params.field.resolution);
+        let ahead = self.params.look_ahead;
         let Some(target) = lead::aim(&mut self.field, self.reference.course(), drive, &position, ahead) else {
             self.last = Twist2::ZERO;
             return lead::blocked(&self.guard, request, BlockReason::Obstacle);

@@ -17,15 +17,15 @@ const BEHIND: f64 = 1.5;
 const PROGRESS: f64 = 0.05;
 
 /// Where on the path the way of this cycle should lead: `look_ahead` metres on if the vehicle can be there and there is a way, else
-/// beyond what closes the path, else nearer; places are tried every `step` metres. The distance field is that of the answer.
+/// beyond what closes the path, else nearer; places are tried a cell of the field apart. The distance field is that of the answer.
 pub(crate) fn aim(
     field: &mut NavigationField,
     course: &Course,
     drive: &Drive,
     position: &Vector2<f64>,
-    (look_ahead, step): (f64, f64),
+    look_ahead: f64,
 ) -> Option<Vector2<f64>> {
-    let from = drive.projection.arc_length;
+    let (from, step) = (drive.projection.arc_length, field.resolution()?);
     let (mut tried, mut tried_last) = (0, f64::NAN);
     let ahead = drive.to_stop().min(look_ahead);
     for share in [1.0, 1.5, 0.6, 0.3] {

@@ -172,7 +172,7 @@ impl Mppi {
     fn drive(&mut self, request: &LocalPlanRequest<'_>, drive: &Drive) -> Result<LocalCommand, LocalPlanError> {
         let position = request.state.map_from_base.translation();
         self.field.set_map(request.map, self.params.footprint.inscribed_radius());
-        let ahead = (self.params.look_ahead, self.params.field.resolution);
+        let ahead = self.params.look_ahead;
         let Some(target) = lead::aim(&mut self.field, self.reference.course(), drive, &position, ahead) else {
             return self.blocked(request, BlockReason::Obstacle);
         };
