@@ -206,14 +206,16 @@ impl Lanes {
 
     /// Gives a blocked stretch to the obstacle that it goes on from, or to a new one.
     fn block(&mut self, gap: &Gap, high: f64, sample: &Sample, ground: &Ground<'_>) {
-        let Some((deepest, _)) = gap.deepest else { return };
+        let Some((deepest, clearance)) = gap.deepest else { return };
         let stretch = Stretch { low: gap.low, high };
         let known = self.blocked[1].iter().find(|(before, _)| before.overlaps(&stretch)).map(|&(_, i)| i);
         let obstacle = known.unwrap_or_else(|| {
             let across = sample.across();
             let at = sample.position + across * deepest;
-            // A point of the obstacle itself, which no band runs over that only comes too near.
-            let nearest = ground.map.distance_at(&at).and_then(|(distance, slope)| {
+            // A point of the obstacle itself, which no band runs over that only comes too near; where who moves is in the way, the
+            // place itself.
+            let stands = ground.clearance([at.x, at.y, sample.yaw]).is_some_and(|c| c <= clearance);
+            let nearest = ground.map.distance_at(&at).filter(|_| stands).and_then(|(distance, slope)| {
                 let point = at - slope.try_normalize(1e-9)? * distance;
                 let offset = across.dot(&(point - sample.position));
                 (stretch.low <= offset && offset <= stretch.high).then_some(point)
@@ -290,6 +292,14 @@ mod tests {
 
     /// The ways along a hall of 8 x 6 m with posts, a disc's of 0.2 m: places at each sample, and their signatures.
     fn ways(posts: &[Vector2<f64>], most: usize) -> (Vec<Vec<Vector2<f64>>>, Vec<Signature>, LocalMap) {
+        ways_among(posts, &[], most)
+    }
+
+    fn ways_among(
+        posts: &[Vector2<f64>],
+        movers: &[MovingObstacle],
+        most: usize,
+    ) -> (Vec<Vec<Vector2<f64>>>, Vec<Signature>, LocalMap) {
         let layout = GridLayout::new(160, 120, 0.05, Se2::default()).unwrap();
         let mut costmap = Costmap::from_map(&Grid::filled(layout, CellState::Free));
         for post in posts {
@@ -305,9 +315,9 @@ mod tests {
         let at = |i: u32| Sample { position: Vector2::new(1.0 + 0.1 * f64::from(i), 3.0), yaw: 0.0, direction: 0.0 };
         let samples: Vec<_> = (0..=60).map(at).collect();
         let mut lanes = Lanes::default();
-        lanes.search(&samples, &ground, &[], most);
+        lanes.search(&samples, &ground, movers, most);
         let blocked = samples.iter().any(|s| ground.clearance([s.position.x, s.position.y, 0.0]).unwrap() <= 0.0);
-        assert_eq!(lanes.is_path_free(), !blocked);
+        assert!(!movers.is_empty() || lanes.is_path_free() != blocked);
         let (mut found, mut signatures, mut offsets) = (Vec::new(), Vec::new(), Vec::new());
         for way in 0..lanes.count() {
             lanes.offsets(way, 0.1, &mut offsets);
@@ -339,6 +349,16 @@ mod tests {
         assert_eq!(ways(&pair, 20).0.len(), 2);
         let wall: Vec<_> = (0..30).map(|i| Vector2::new(4.025, 0.1 + 0.2 * f64::from(i))).collect();
         assert_eq!(ways(&wall, 20).0.len(), 0);
+    }
+
+    /// The nearest of what stands is a wall behind who is in the way: that tells no sides.
+    #[test]
+    fn who_moves_is_passed_on_either_side() {
+        let wall: Vec<_> = (0..40).map(|i| Vector2::new(7.975, 2.0 + 0.05 * f64::from(i))).collect();
+        let mover = MovingObstacle::new(Vector2::new(5.5, 3.0), Vector2::zeros(), 0.3).unwrap();
+        let (found, signatures, _) = ways_among(&wall, &[mover], 20);
+        assert_eq!(found.len(), 2);
+        assert_ne!(signatures[0], signatures[1]);
     }
 
     proptest! {
