@@ -78,7 +78,7 @@ pub(super) struct Lanes {
 }
 
 impl Lanes {
-    /// Looks beside the path for at most `most` ways to its end, the least detours first. What moves is where it will be when a
+    /// Looks beside the path for at most `most` ways to its end or to the map's, the least detours first. What moves is where it will be when a
     /// vehicle at the usual speed comes there.
     pub(super) fn search(&mut self, samples: &[Sample], ground: &Ground<'_>, movers: &[MovingObstacle], most: usize) {
         for list in &mut self.blocked {
@@ -90,6 +90,9 @@ impl Lanes {
         self.found.clear();
         self.free.clear();
         self.along_path = true;
+        // Past the last place on the map nothing is known.
+        let on_map = |s: &Sample| ground.clearance([s.position.x, s.position.y, s.yaw]).is_some();
+        let samples = &samples[..samples.iter().rposition(on_map).map_or(0, |i| i + 1)];
         let (Some(start), Some(second)) = (samples.first(), samples.get(1)) else { return };
         let offset = second.across().dot(&(start.position - second.position));
         self.free.push(Stretch { low: offset, high: offset });
