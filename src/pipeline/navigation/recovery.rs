@@ -36,6 +36,8 @@ pub(super) struct Behaviour {
     start: Se2,
     /// Heading to turn to, in radians.
     heading: f64,
+    /// Way to back off, in metres.
+    back: f64,
     /// Seconds since it began.
     time: f64,
     /// The search for a manoeuvre, as long as it takes, and what is done if it finds none.
@@ -54,7 +56,7 @@ const LONGEST_SEARCH: f64 = 10.0;
 const OVERTIME: f64 = 2.0;
 /// How long a vehicle stands to look again, in seconds: some scans.
 const LOOK: f64 = 0.3;
-/// Way back, in metres.
+/// Least way back, in metres.
 const BACK: f64 = 0.3;
 /// Speed of a recovery, in metres per second and radians per second.
 const SPEED: f64 = 0.3;
@@ -71,9 +73,10 @@ impl Behaviour {
     /// The behaviour that follows `before` others without progress; where a manoeuvre is due and none is found, the one after it.
     pub(super) fn new(before: u32, request: &NavigationRequest<'_>, path: &Path) -> Self {
         // Forgetting what was seen loses what lies behind: the last resort.
+        let steers = request.limits.steering.is_some();
         let otherwise = match before % 8 {
             7 => Recovery::LookAgain,
-            0 | 1 | 4 | 5 => Recovery::Rotate,
+            0 | 1 | 4 | 5 if !steers => Recovery::Rotate,
             _ => Recovery::BackOff,
         };
         let start = request.state.map_from_base;
@@ -82,7 +85,9 @@ impl Behaviour {
         let heading =
             ahead.skip_while(|way| way.norm() < 0.5).map(|way| way.y.atan2(way.x)).next().unwrap_or(start.yaw() + 2.0);
         let search = if before.is_multiple_of(2) { Search::new(request, path) } else { None };
-        Self { heading, ..Self::searching(request, search, otherwise) }
+        // A vehicle that steers needs way to get beside what stands before it: each time more.
+        let back = if steers { BACK * f64::from(1 + before % 8) } else { BACK };
+        Self { heading, back, ..Self::searching(request, search, otherwise) }
     }
 
     /// The way out of a contact: one that leads on along the path if there is one, else to more room.
@@ -93,7 +98,17 @@ impl Behaviour {
     fn searching(request: &NavigationRequest<'_>, search: Option<Search>, otherwise: Recovery) -> Self {
         let kind = if search.is_some() { Recovery::Manoeuvre } else { otherwise };
         let start = request.state.map_from_base;
-        Self { kind, otherwise, start, heading: 0.0, time: 0.0, search, sought: 0.0, manoeuvre: Manoeuvre::default() }
+        Self {
+            kind,
+            otherwise,
+            start,
+            heading: 0.0,
+            back: BACK,
+            time: 0.0,
+            search,
+            sought: 0.0,
+            manoeuvre: Manoeuvre::default(),
+        }
     }
 
     pub(super) const fn kind(&self) -> Recovery {
@@ -131,13 +146,17 @@ impl Behaviour {
             self.start = request.state.map_from_base;
         }
         self.time += dt;
-        let longest = if self.kind == Recovery::Manoeuvre { LONGEST_MANOEUVRE } else { LONGEST };
+        let longest = match self.kind {
+            Recovery::Manoeuvre => LONGEST_MANOEUVRE,
+            Recovery::BackOff => LONGEST + self.back / SPEED,
+            _ => LONGEST,
+        };
         if self.time > longest + if stands { 0.0 } else { OVERTIME } {
             return Ok(None);
         }
         let wish = match self.kind {
             // The next look may show a way.
-            Recovery::Escape => match self.creep(request, footprint)? {
+            Recovery::Escape => match creep(request, footprint)? {
                 Some(wish) => wish,
                 None if self.time > LOOK => Twist2::ZERO,
                 None => return Ok(Some(rest)),
@@ -160,7 +179,7 @@ impl Behaviour {
             }
             Recovery::BackOff => {
                 let back = -self.start.between(&request.state.map_from_base).x();
-                if back >= BACK { Twist2::ZERO } else { Twist2::new(-SPEED, 0.0, 0.0) }
+                if back >= self.back { Twist2::ZERO } else { Twist2::new(-SPEED, 0.0, 0.0) }
             }
         };
         if wish == Twist2::ZERO || self.time > longest {
@@ -183,34 +202,34 @@ impl Behaviour {
         }
         Ok(Some(motion))
     }
+}
 
-    /// The slow motion that gains most room; standing once nothing is near, none if no motion gains any.
-    fn creep(&self, request: &NavigationRequest<'_>, footprint: &Footprint) -> Result<Option<Twist2>, Error> {
-        let here = request.state.map_from_base;
-        if !request.map.obstacles().collides_within(footprint, &here, CLEAR)? {
-            return Ok(Some(Twist2::ZERO));
-        }
-        let backs = request.limits.twist.reverse_speed > 0.0;
-        let before = contact::room(request, footprint, &here);
-        let mut best = (GAIN, None);
-        for vx in [-SPEED, 0.0, SPEED].into_iter().filter(|&vx| backs || vx >= 0.0) {
-            for yaw_rate in [-TURN_RATE, 0.0, TURN_RATE] {
-                let turns = yaw_rate == 0.0 || request.limits.steering.is_none();
-                let twist = Twist2::new(vx, 0.0, yaw_rate);
-                for looks in (1..=LOOKS).filter(|_| turns).map(|look| look as f64) {
-                    let duration = looks * CREEP;
-                    if !contact::may_pass(request, footprint, &here, &twist, duration)? {
-                        break;
-                    }
-                    // The later it is gained, the more it must be.
-                    let room = contact::room(request, footprint, &(here * twist.integrate(duration)));
-                    let gain = (room - before) / looks;
-                    if gain > best.0 {
-                        best = (gain, Some(twist));
-                    }
+/// The slow motion that gains most room; standing once nothing is near, none if no motion gains any.
+fn creep(request: &NavigationRequest<'_>, footprint: &Footprint) -> Result<Option<Twist2>, Error> {
+    let here = request.state.map_from_base;
+    if !request.map.obstacles().collides_within(footprint, &here, CLEAR)? {
+        return Ok(Some(Twist2::ZERO));
+    }
+    let backs = request.limits.twist.reverse_speed > 0.0;
+    let before = contact::room(request, footprint, &here);
+    let mut best = (GAIN, None);
+    for vx in [-SPEED, 0.0, SPEED].into_iter().filter(|&vx| backs || vx >= 0.0) {
+        for yaw_rate in [-TURN_RATE, 0.0, TURN_RATE] {
+            let turns = yaw_rate == 0.0 || request.limits.steering.is_none();
+            let twist = Twist2::new(vx, 0.0, yaw_rate);
+            for looks in (1..=LOOKS).filter(|_| turns).map(|look| look as f64) {
+                let duration = looks * CREEP;
+                if !contact::may_pass(request, footprint, &here, &twist, duration)? {
+                    break;
+                }
+                // The later it is gained, the more it must be.
+                let room = contact::room(request, footprint, &(here * twist.integrate(duration)));
+                let gain = (room - before) / looks;
+                if gain > best.0 {
+                    best = (gain, Some(twist));
                 }
             }
         }
-        Ok(best.1)
     }
+    Ok(best.1)
 }

@@ -215,8 +215,8 @@ mod tests {
         let request = NavigationRequest { state, map: &map, obstacles: &[], limits: &limits, dt: 0.05 };
         let footprint = Footprint::rectangle(-0.25, 0.25, 0.4).unwrap();
         let mut search = Search::new(&request, &path).unwrap();
-        let answers = (0..=MOST / PER_CYCLE).map(|_| search.go_on(&request, &footprint).unwrap());
-        let last = answers.skip_while(|found| matches!(found, Found::NotYet)).next();
+        let mut answers = (0..=MOST / PER_CYCLE).map(|_| search.go_on(&request, &footprint).unwrap());
+        let last = answers.find(|found| !matches!(found, Found::NotYet));
         assert!(matches!(last, Some(Found::NoWay)), "{last:?}");
     }
 }
