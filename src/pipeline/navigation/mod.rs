@@ -356,7 +356,7 @@ impl Navigation {
             self.ended = Some(NavigationStatus::GaveUp(reason));
             return stop(request, NavigationStatus::GaveUp(reason));
         }
-        let behaviour = Behaviour::new(self.recoveries, request, self.route.path());
+        let behaviour = Behaviour::new(self.recoveries, request, self.route.path(), self.params.look_again);
         self.recoveries += 1;
         self.stuck_at.get_or_insert(request.state.map_from_base);
         let (kind, forget_map) = (behaviour.kind(), behaviour.forgets_map());

@@ -71,11 +71,11 @@ const GAIN: f64 = 1e-3;
 
 impl Behaviour {
     /// The behaviour that follows `before` others without progress; where a manoeuvre is due and none is found, the one after it.
-    pub(super) fn new(before: u32, request: &NavigationRequest<'_>, path: &Path) -> Self {
-        // Forgetting what was seen loses what lies behind: the last resort.
+    pub(super) fn new(before: u32, request: &NavigationRequest<'_>, path: &Path, look_again: bool) -> Self {
         let steers = request.limits.steering.is_some();
         let otherwise = match before % 8 {
-            7 => Recovery::LookAgain,
+            // Forgetting what was seen loses what lies behind: the last resort.
+            7 if look_again => Recovery::LookAgain,
             0 | 1 | 4 | 5 if !steers => Recovery::Rotate,
             _ => Recovery::BackOff,
         };
