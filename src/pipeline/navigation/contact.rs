@@ -13,13 +13,12 @@ use agv_core::{
 };
 
 /// Tolerance of the look at motions, in cells.
-const MARGIN: f64 = 1.0 / 16.0;
-/// Pieces into which an edge of the outline is cut, and a motion.
-const PIECES: usize = 8;
-const LOOKS: usize = 4;
+pub(super) const MARGIN: f64 = 1.0 / 16.0;
+/// Distance between points of the outline, and between looks at a motion, in cells: no obstacle passes between.
+const SPACING: f64 = 0.5;
 /// Distance from an obstacle's centre at which it is touched, in cells.
 const TOUCHING: f64 = 0.5;
-/// Interpolation of distances, in metres.
+/// Interpolation of distances, in metres; granted to each motion.
 const ROUNDING: f64 = 0.002;
 
 /// Whether the vehicle may do a motion for `duration` seconds from a pose.
@@ -37,31 +36,40 @@ pub(super) fn may_pass(
     if !obstacles.collides_within(footprint, pose, MARGIN)? {
         return Ok(false);
     }
-    let half_as_deep = 0.5 * (room(request, footprint, pose) + TOUCHING * request.map.layout().resolution());
+    let resolution = request.map.layout().resolution();
+    let room = room(request, footprint, pose);
+    let half_as_deep = (0.5 * (room + TOUCHING * resolution)).max(room);
+    let way = (twist.speed() + twist.yaw_rate.abs() * footprint.circumscribed_radius()) * duration;
+    let looks = (way / (SPACING * resolution)).ceil().clamp(1.0, 1e4) as usize;
     let is_clear = |point: &(Vector2<f64>, f64)| {
         let needed = room_of(request, pose, point).min(half_as_deep) - ROUNDING;
-        (1..=LOOKS).all(|look| {
-            let at = pose.compose(&twist.integrate(duration * look as f64 / LOOKS as f64));
+        (1..=looks).all(|look| {
+            let at = pose.compose(&twist.integrate(duration * look as f64 / looks as f64));
             room_of(request, &at, point) >= needed
         })
     };
-    Ok(outline(footprint).all(|point| is_clear(&point)))
+    Ok(outline(footprint, SPACING * resolution).all(|point| is_clear(&point)))
 }
 
 /// Least distance of the outline from an obstacle's centre, in metres.
 pub(super) fn room(request: &NavigationRequest<'_>, footprint: &Footprint, pose: &Se2) -> f64 {
-    outline(footprint).map(|point| room_of(request, pose, &point)).fold(f64::INFINITY, f64::min)
+    let points = outline(footprint, SPACING * request.map.layout().resolution());
+    points.map(|point| room_of(request, pose, &point)).fold(f64::INFINITY, f64::min)
 }
 
 fn room_of(request: &NavigationRequest<'_>, pose: &Se2, (point, radius): &(Vector2<f64>, f64)) -> f64 {
-    request.map.distance_at(&(*pose * *point)).map_or(f64::INFINITY, |(distance, _)| distance - radius)
+    let outside = if request.map.obstacles().params().outside_is_obstacle { 0.0 } else { f64::INFINITY };
+    request.map.distance_at(&(*pose * *point)).map_or(outside, |(distance, _)| distance) - radius
 }
 
-/// Points of the outline, each with a radius around it.
-fn outline(footprint: &Footprint) -> impl Iterator<Item = (Vector2<f64>, f64)> {
+/// Points of the outline, at most `spacing` metres apart, each with a radius around it.
+fn outline(footprint: &Footprint, spacing: f64) -> impl Iterator<Item = (Vector2<f64>, f64)> {
     let circles = footprint.circles().map(|(x, radius)| (Vector2::new(x, 0.0), radius));
     let vertices = footprint.vertices().unwrap_or_default();
     let edges = vertices.iter().zip(vertices.iter().cycle().skip(1));
-    let points = edges.flat_map(|(a, b)| (0..PIECES).map(move |k| (a + (b - a) * (k as f64 / PIECES as f64), 0.0)));
+    let points = edges.flat_map(move |(a, b)| {
+        let pieces = ((b - a).norm() / spacing).ceil().clamp(1.0, 1e4) as usize;
+        (0..pieces).map(move |k| (a + (b - a) * (k as f64 / pieces as f64), 0.0))
+    });
     points.chain(circles)
 }

@@ -13,7 +13,7 @@
 //! in metres of way. `T` is the foresight. A course is a heading to turn to and a speed to drive at, both as fast as the limits allow. What the obstacles will do
 //! is less and less known: the gap that is asked for grows with time. Of the map nothing is touched: on the course, nor by braking on it.
 
-use super::NavigationRequest;
+use super::{NavigationRequest, contact};
 use crate::Error;
 use agv_core::{
     geometry::{LieGroup, Se2, Twist2, wrap_angle},
@@ -97,7 +97,9 @@ impl Evasion {
             self.course = None;
             return Ok(None);
         }
-        let look = Look { request, footprint, near: &self.near, foresight };
+        let mut look = Look { request, footprint, near: &self.near, foresight, touch: TOUCH };
+        // Who is nearer already must not keep the vehicle from leaving.
+        look.touch = TOUCH.min(look.exact_gap(&here, 0.0) - 1e-3);
         let after = here * planned.twist.integrate(request.dt);
         let is_clear = |course: &Course| -> Result<bool, Error> {
             let outlook = look.along(&after, planned, request.dt, course)?;
@@ -206,6 +208,8 @@ struct Look<'a> {
     footprint: &'a Footprint,
     near: &'a [MovingObstacle],
     foresight: f64,
+    /// Gap that counts as touching, in metres.
+    touch: f64,
 }
 
 impl Look<'_> {
@@ -218,7 +222,7 @@ impl Look<'_> {
             let gap = self.gap(&pose, &motion.twist, time);
             let missing = (1.0 - gap / (GAP + GROWTH * time)).max(0.0);
             nearness = nearness.max(missing * missing / (1.0 + time));
-            if gap < TOUCH || self.touches_map(&pose, &motion.twist, STEP)? {
+            if gap < self.touch || self.touches_map(&pose, &motion.twist, STEP)? {
                 return Ok(Outlook { clear_for: time, nearness, end: pose.translation() });
             }
             pose = pose.compose(&motion.twist.integrate(STEP));
@@ -260,18 +264,22 @@ impl Look<'_> {
         if room > reach + 2.0 * self.request.map.layout().resolution() {
             return Ok(false);
         }
-        Ok(self.request.map.collides_along(self.footprint, pose, twist, dt)?)
+        // As closely as the guard looks: what that lets pass must not be closed here.
+        let obstacles = self.request.map.obstacles();
+        Ok(obstacles.collides_along_within(self.footprint, pose, twist, dt, contact::MARGIN)?)
     }
 
-    /// Whether nothing that moves is touched until the next cycle.
+    /// Whether nothing that moves is touched now, nor at the next cycle.
     fn way_is_clear(&self, motion: &Motion) -> bool {
         let (here, dt) = (self.request.state.map_from_base, self.request.dt);
         let end = here * motion.twist.integrate(dt);
-        let gap = |pose: &Se2, time: f64| {
-            let gaps = self.near.iter().map(|obstacle| obstacle.gap_after(time, self.footprint, pose));
-            gaps.fold(f64::INFINITY, f64::min)
-        };
-        gap(&here, 0.0) > TOUCH && gap(&end, dt) > TOUCH
+        self.exact_gap(&here, 0.0) > self.touch && self.exact_gap(&end, dt) > self.touch
+    }
+
+    /// Gap between the outline and what moves, in metres.
+    fn exact_gap(&self, pose: &Se2, time: f64) -> f64 {
+        let gaps = self.near.iter().map(|obstacle| obstacle.gap_after(time, self.footprint, pose));
+        gaps.fold(f64::INFINITY, f64::min)
     }
 
     /// Whether nothing of the map is touched by a motion, nor by braking after it.

@@ -2,7 +2,7 @@
 
 use super::{NavigationRequest, search::Node};
 use agv_core::geometry::{LieGroup, Se2, Twist2};
-use std::f64::consts::PI;
+use std::f64::consts::{FRAC_PI_2, PI};
 
 /// Headings that are told apart.
 pub(super) const HEADINGS: i32 = 24;
@@ -41,12 +41,16 @@ impl Piece {
         Twist2::new(PIECE * f64::from(self.way), 0.0, turn * f64::from(self.turn))
     }
 
+    /// Whether a vehicle that may not back up can do it.
+    pub(super) const fn leads_ahead(self) -> bool {
+        self.way >= 0
+    }
+
     /// What it costs, in metres: backing up and turning take longer.
     pub(super) const fn cost(self) -> f64 {
         match (self.way, self.turn) {
-            (0, _) => 0.08,
             (1, 0) => PIECE,
-            (1, _) => 0.08,
+            (0 | 1, _) => 0.08,
             (_, 0) => 1.5 * PIECE,
             _ => 0.12,
         }
@@ -66,7 +70,9 @@ impl Manoeuvre {
         let mut targets: Vec<(Piece, Se2)> = Vec::new();
         let mut at = end;
         while let Some(Node { pose, parent: Some(parent), piece, .. }) = nodes.get(at) {
-            if targets.last().is_none_or(|(last, _)| last != piece) {
+            // No target is more than half a turn ahead: the sign of what is left must be known.
+            let is_new = |(last, end): &(Piece, Se2)| last != piece || end.between(pose).yaw().abs() >= FRAC_PI_2;
+            if targets.last().is_none_or(is_new) {
                 targets.push((*piece, *pose));
             }
             at = *parent;

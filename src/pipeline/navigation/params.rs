@@ -36,11 +36,15 @@ pub struct NavigationParams {
     /// Recovery behaviours before giving up, and as many escapes from contacts beside. Both are counted anew once the vehicle gets
     /// on by itself farther than a metre, and than twice `progress_distance`, from where it got stuck.
     pub recoveries: u32,
+    /// Whether the last resort is to forget the surroundings and see them anew ([`Recovery::LookAgain`](super::Recovery::LookAgain)):
+    /// for scanners that see all around, and maps that keep for ever what was there once.
+    pub look_again: bool,
 }
 
 impl Default for NavigationParams {
     /// Four plans a second, five where something stands in the way; another path must save a tenth, or be the only one; 0.3 m
-    /// in 4 s are progress, where Nav2's checker asks for 0.5 m in 10 s; a round of eight recovery behaviours and half of another.
+    /// in 4 s are progress, where Nav2's checker asks for 0.5 m in 10 s; a round of eight recovery behaviours and half of another, none of them
+    /// forgetting what lies behind.
     fn default() -> Self {
         Self {
             plan_period: 0.25,
@@ -57,6 +61,7 @@ impl Default for NavigationParams {
             patience: 5.0,
             foresight: 2.5,
             recoveries: 12,
+            look_again: false,
         }
     }
 }

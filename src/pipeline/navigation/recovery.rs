@@ -19,7 +19,7 @@ use agv_core::{
 pub enum Recovery {
     /// Stands while the surroundings are forgotten and seen anew.
     LookAgain,
-    /// Drives straight pieces and turns on the spot that a search found, to a place ahead on the path.
+    /// Drives straight pieces, turns on the spot and tight arcs that a search found, to a place ahead on the path.
     Manoeuvre,
     /// Turns on the spot to where the path leads.
     Rotate,
@@ -36,22 +36,27 @@ pub(super) struct Behaviour {
     start: Se2,
     /// Heading to turn to, in radians.
     heading: f64,
+    /// Way to back off, in metres.
+    back: f64,
     /// Seconds since it began.
     time: f64,
     /// The search for a manoeuvre, as long as it takes, and what is done if it finds none.
     search: Option<Search>,
     otherwise: Recovery,
+    /// Seconds of the search.
+    sought: f64,
     manoeuvre: Manoeuvre,
 }
 
 /// Longest a behaviour takes, in seconds; a manoeuvre of many pieces may take longer.
 const LONGEST: f64 = 3.0;
 const LONGEST_MANOEUVRE: f64 = 15.0;
+const LONGEST_SEARCH: f64 = 10.0;
 /// How long it may take to come to rest after that, in seconds: then it ends, whatever the estimate says.
 const OVERTIME: f64 = 2.0;
 /// How long a vehicle stands to look again, in seconds: some scans.
 const LOOK: f64 = 0.3;
-/// Way back, in metres.
+/// Least way back, in metres.
 const BACK: f64 = 0.3;
 /// Speed of a recovery, in metres per second and radians per second.
 const SPEED: f64 = 0.3;
@@ -66,11 +71,12 @@ const GAIN: f64 = 1e-3;
 
 impl Behaviour {
     /// The behaviour that follows `before` others without progress; where a manoeuvre is due and none is found, the one after it.
-    pub(super) fn new(before: u32, request: &NavigationRequest<'_>, path: &Path) -> Self {
-        // Forgetting what was seen loses what lies behind: the last resort.
+    pub(super) fn new(before: u32, request: &NavigationRequest<'_>, path: &Path, look_again: bool) -> Self {
+        let steers = request.limits.steering.is_some();
         let otherwise = match before % 8 {
-            7 => Recovery::LookAgain,
-            0 | 1 | 4 | 5 => Recovery::Rotate,
+            // Forgetting what was seen loses what lies behind: the last resort.
+            7 if look_again => Recovery::LookAgain,
+            0 | 1 | 4 | 5 if !steers => Recovery::Rotate,
             _ => Recovery::BackOff,
         };
         let start = request.state.map_from_base;
@@ -79,7 +85,9 @@ impl Behaviour {
         let heading =
             ahead.skip_while(|way| way.norm() < 0.5).map(|way| way.y.atan2(way.x)).next().unwrap_or(start.yaw() + 2.0);
         let search = if before.is_multiple_of(2) { Search::new(request, path) } else { None };
-        Self { heading, ..Self::searching(request, search, otherwise) }
+        // A vehicle that steers needs way to get beside what stands before it: each time more.
+        let back = if steers { BACK * f64::from(1 + before % 8) } else { BACK };
+        Self { heading, back, ..Self::searching(request, search, otherwise) }
     }
 
     /// The way out of a contact: one that leads on along the path if there is one, else to more room.
@@ -90,7 +98,17 @@ impl Behaviour {
     fn searching(request: &NavigationRequest<'_>, search: Option<Search>, otherwise: Recovery) -> Self {
         let kind = if search.is_some() { Recovery::Manoeuvre } else { otherwise };
         let start = request.state.map_from_base;
-        Self { kind, otherwise, start, heading: 0.0, time: 0.0, search, manoeuvre: Manoeuvre::default() }
+        Self {
+            kind,
+            otherwise,
+            start,
+            heading: 0.0,
+            back: BACK,
+            time: 0.0,
+            search,
+            sought: 0.0,
+            manoeuvre: Manoeuvre::default(),
+        }
     }
 
     pub(super) const fn kind(&self) -> Recovery {
@@ -110,23 +128,39 @@ impl Behaviour {
     ) -> Result<Option<Motion>, Error> {
         let (now, dt, limits) = (request.state.motion(), request.dt, request.limits);
         let rest = limits.brake(&now, dt)?;
-        if let Some(search) = &mut self.search {
-            match search.go_on(request, footprint)? {
-                Found::NotYet => return Ok(Some(rest)),
-                Found::Way(manoeuvre) => self.manoeuvre = manoeuvre,
-                Found::NoWay => self.kind = self.otherwise,
-            }
-            self.search = None;
-        }
-        self.time += dt;
         // Within this cycle: an estimate of a vehicle at rest is never quite zero.
         let stands = rest.twist == Twist2::ZERO;
-        let longest = if self.kind == Recovery::Manoeuvre { LONGEST_MANOEUVRE } else { LONGEST };
+        if let Some(search) = &mut self.search {
+            self.sought += dt;
+            let is_over = self.sought > LONGEST_SEARCH;
+            if !stands && !is_over {
+                return Ok(Some(rest));
+            }
+            search.stay_with(&request.state.map_from_base);
+            match search.go_on(request, footprint)? {
+                Found::NotYet if !is_over => return Ok(Some(rest)),
+                Found::Way(manoeuvre) => self.manoeuvre = manoeuvre,
+                Found::NotYet | Found::NoWay => self.kind = self.otherwise,
+            }
+            self.search = None;
+            self.start = request.state.map_from_base;
+        }
+        self.time += dt;
+        let longest = match self.kind {
+            Recovery::Manoeuvre => LONGEST_MANOEUVRE,
+            Recovery::BackOff => LONGEST + self.back / SPEED,
+            _ => LONGEST,
+        };
         if self.time > longest + if stands { 0.0 } else { OVERTIME } {
             return Ok(None);
         }
         let wish = match self.kind {
-            Recovery::Escape => return self.creep(request, footprint, &rest),
+            // The next look may show a way.
+            Recovery::Escape => match creep(request, footprint)? {
+                Some(wish) => wish,
+                None if self.time > LOOK => Twist2::ZERO,
+                None => return Ok(Some(rest)),
+            },
             Recovery::LookAgain if self.time > LOOK => return Ok(None),
             Recovery::LookAgain => Twist2::ZERO,
             Recovery::Manoeuvre => match self.manoeuvre.wish(request, stands) {
@@ -145,7 +179,7 @@ impl Behaviour {
             }
             Recovery::BackOff => {
                 let back = -self.start.between(&request.state.map_from_base).x();
-                if back >= BACK { Twist2::ZERO } else { Twist2::new(-SPEED, 0.0, 0.0) }
+                if back >= self.back { Twist2::ZERO } else { Twist2::new(-SPEED, 0.0, 0.0) }
             }
         };
         if wish == Twist2::ZERO || self.time > longest {
@@ -163,45 +197,39 @@ impl Behaviour {
                 distance < footprint.circumscribed_radius() + 0.2
             });
         if in_the_way {
-            return Ok((!stands).then_some(rest));
+            // Out of a contact there is nothing else to do than to wait.
+            return Ok((!stands || self.kind == Recovery::Escape).then_some(rest));
         }
         Ok(Some(motion))
     }
+}
 
-    /// The slow motion that gains most room; none once nothing is near, or no motion gains any.
-    fn creep(
-        &self,
-        request: &NavigationRequest<'_>,
-        footprint: &Footprint,
-        rest: &Motion,
-    ) -> Result<Option<Motion>, Error> {
-        let (here, now, dt) = (request.state.map_from_base, request.state.motion(), request.dt);
-        let is_over = self.time > LONGEST || !request.map.obstacles().collides_within(footprint, &here, CLEAR)?;
-        let before = contact::room(request, footprint, &here);
-        let mut best = (GAIN, None);
-        for vx in [-SPEED, 0.0, SPEED] {
-            for yaw_rate in [-TURN_RATE, 0.0, TURN_RATE] {
-                let turns = yaw_rate == 0.0 || request.limits.steering.is_none();
-                let twist = Twist2::new(vx, 0.0, yaw_rate);
-                for looks in (1..=LOOKS).filter(|_| turns).map(|look| look as f64) {
-                    let duration = looks * CREEP;
-                    if !contact::may_pass(request, footprint, &here, &twist, duration)? {
-                        break;
-                    }
-                    // The later it is gained, the more it must be.
-                    let room = contact::room(request, footprint, &(here * twist.integrate(duration)));
-                    let gain = (room - before) / looks;
-                    if gain > best.0 {
-                        best = (gain, Some(twist));
-                    }
+/// The slow motion that gains most room; standing once nothing is near, none if no motion gains any.
+fn creep(request: &NavigationRequest<'_>, footprint: &Footprint) -> Result<Option<Twist2>, Error> {
+    let here = request.state.map_from_base;
+    if !request.map.obstacles().collides_within(footprint, &here, CLEAR)? {
+        return Ok(Some(Twist2::ZERO));
+    }
+    let backs = request.limits.twist.reverse_speed > 0.0;
+    let before = contact::room(request, footprint, &here);
+    let mut best = (GAIN, None);
+    for vx in [-SPEED, 0.0, SPEED].into_iter().filter(|&vx| backs || vx >= 0.0) {
+        for yaw_rate in [-TURN_RATE, 0.0, TURN_RATE] {
+            let turns = yaw_rate == 0.0 || request.limits.steering.is_none();
+            let twist = Twist2::new(vx, 0.0, yaw_rate);
+            for looks in (1..=LOOKS).filter(|_| turns).map(|look| look as f64) {
+                let duration = looks * CREEP;
+                if !contact::may_pass(request, footprint, &here, &twist, duration)? {
+                    break;
+                }
+                // The later it is gained, the more it must be.
+                let room = contact::room(request, footprint, &(here * twist.integrate(duration)));
+                let gain = (room - before) / looks;
+                if gain > best.0 {
+                    best = (gain, Some(twist));
                 }
             }
         }
-        match best.1.filter(|_| !is_over) {
-            Some(twist) => Ok(Some(request.limits.step(&now, &twist.into(), dt)?)),
-            // The next look may show a way.
-            None if rest.twist == Twist2::ZERO && (is_over || self.time > LOOK) => Ok(None),
-            None => Ok(Some(*rest)),
-        }
     }
+    Ok(best.1)
 }

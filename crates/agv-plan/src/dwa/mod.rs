@@ -10,7 +10,6 @@
 //! The first two are a grid of samples, with the window's edges and zero always among them; the third is what the
 //! [`Guard`](crate::local::Guard) decides on the best in turn.
 
-mod aim;
 mod params;
 mod planner;
 mod sampler;

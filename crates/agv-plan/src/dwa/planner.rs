@@ -6,11 +6,12 @@ use crate::{
     local::{
         Drive, Guard, NavigationField, Reference, Task, Trajectories, Verdict, check_request,
         critics::{Critic, Oscillation, PreferForward, Progress, Scene, score},
+        lead,
     },
 };
 use agv_core::{
     geometry::Twist2,
-    kinematics::{Motion, stopping_speed},
+    kinematics::Motion,
     roles::{BlockReason, LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner},
 };
 use nalgebra::Vector2;
@@ -68,19 +69,8 @@ pub struct Dwa {
     pub(super) turns: Vec<f64>,
     /// What was aimed at last.
     last: Twist2,
-    progress: Patience,
+    progress: lead::Patience,
 }
-
-/// How long there has been no progress.
-#[derive(Debug, Clone, Copy, Default)]
-struct Patience {
-    /// Least that remained, in metres, and time of driving since then, in seconds: who stands for somebody does not lose it.
-    least: f64,
-    waited: f64,
-}
-
-/// Way that counts as progress, in metres.
-pub(super) const PROGRESS: f64 = 0.05;
 
 /// How much closer, in cells, a vehicle that cannot get on may come to what looks like an obstacle.
 const RELAXED: f32 = 1.0;
@@ -124,7 +114,7 @@ impl Dwa {
             speeds: Vec::new(),
             turns: Vec::new(),
             last: Twist2::ZERO,
-            progress: Patience::default(),
+            progress: lead::Patience::default(),
             params,
         })
     }
@@ -160,13 +150,14 @@ impl Dwa {
         let pose = request.state.map_from_base;
         let position = pose.translation();
         self.field.set_map(request.map, self.params.footprint.inscribed_radius());
-        let Some((target, _)) = self.aim(drive, &position) else {
+        let ahead = self.params.look_ahead;
+        let Some(target) = lead::aim(&mut self.field, self.reference.course(), drive, &position, ahead) else {
             self.last = Twist2::ZERO;
-            return self.blocked(request, BlockReason::Obstacle);
+            return lead::blocked(&self.guard, request, BlockReason::Obstacle);
         };
         self.field.trace(&position);
-        if self.gives_up(drive) {
-            return self.blocked(request, BlockReason::Limits);
+        if self.progress.look(drive.remaining) > self.params.patience {
+            return lead::blocked(&self.guard, request, BlockReason::Limits);
         }
         self.sample(request, drive);
         self.batch.roll_out(&request.state, request.limits, request.map, &self.params.footprint);
@@ -188,7 +179,7 @@ impl Dwa {
             }
         }
         self.last = Twist2::ZERO;
-        self.blocked(request, self.reason)
+        lead::blocked(&self.guard, request, self.reason)
     }
 
     /// Lets the critics score the batch.
@@ -198,7 +189,7 @@ impl Dwa {
             drive,
             course: self.reference.course(),
             field: &self.field,
-            key_node: self.key_node(drive).unwrap_or(target),
+            key_node: lead::key_node(self.reference.course(), drive).unwrap_or(target),
             target,
             last: self.last,
         };
@@ -216,7 +207,7 @@ impl Dwa {
         self.reason = self.closed;
         for k in 0..self.order.len() {
             let i = self.order[k] as usize;
-            let motion = self.command_towards(request, i);
+            let motion = lead::command_towards(request, self.batch.target(i).map(f64::from));
             // Different aims often begin alike.
             if self.refused.contains(&motion) {
                 continue;
@@ -227,12 +218,11 @@ impl Dwa {
             match self.guard.check_trusted(request, &motion)? {
                 Verdict::Clear => {
                     self.last = self.batch.target_twist(i, request.limits.steering.is_some());
-                    let stands = motion.twist == Twist2::ZERO && request.state.twist == Twist2::ZERO;
-                    let turns_wheels = motion.steering != request.state.steering && motion.steering.is_some();
-                    let status = if stands && !turns_wheels {
-                        LocalPlanStatus::Blocked(self.standing_reason(request))
+                    let status = if lead::stays(request, &motion) {
+                        let reach = self.params.look_ahead;
+                        LocalPlanStatus::Blocked(lead::standing_reason(request, reach, self.reason))
                     } else {
-                        self.progress.waited += request.dt;
+                        self.progress.spend(request.dt);
                         LocalPlanStatus::Following
                     };
                     return Ok(Some(LocalCommand { motion, status }));
@@ -247,53 +237,6 @@ impl Dwa {
         }
         Ok(None)
     }
-
-    /// Why it is best to stand.
-    fn standing_reason(&self, request: &LocalPlanRequest<'_>) -> BlockReason {
-        let reach = self.params.look_ahead;
-        let position = request.state.map_from_base.translation();
-        let near = request.obstacles.iter().any(|o| (o.position - position).norm() - o.circumscribed_radius() < reach);
-        if near { BlockReason::MovingObstacle } else { self.reason }
-    }
-
-    fn blocked(&self, request: &LocalPlanRequest<'_>, reason: BlockReason) -> Result<LocalCommand, LocalPlanError> {
-        let motion = self.guard.brake(request)?;
-        Ok(LocalCommand { motion, status: LocalPlanStatus::Blocked(reason) })
-    }
-
-    /// Whether it drove without progress for too long.
-    fn gives_up(&mut self, drive: &Drive) -> bool {
-        let patience = &mut self.progress;
-        if self.reference.is_new() || drive.remaining < patience.least - PROGRESS {
-            *patience = Patience { least: drive.remaining, waited: 0.0 };
-        }
-        patience.waited > self.params.patience
-    }
-
-    /// Turns on the spot: the shorter way, unless that is closed and the other is not. An angle of zero is a stop on the way.
-    fn turn(&mut self, request: &LocalPlanRequest<'_>, error: f64) -> Result<LocalCommand, LocalPlanError> {
-        self.last = Twist2::ZERO;
-        if error == 0.0 {
-            let motion = self.guard.brake(request)?;
-            return Ok(LocalCommand { motion, status: LocalPlanStatus::Following });
-        }
-        let (limits, pose) = (request.limits, request.state.map_from_base);
-        // All of the turn, not the next cycle: the way is chosen once, and not again at the obstacle.
-        let closed = |angle: f64| {
-            let (twist, margin) = (Twist2::new(0.0, 0.0, 1.0_f64.copysign(angle)), self.params.guard.margin);
-            let obstacles = request.map.obstacles();
-            obstacles.collides_along_within(&self.params.footprint, &pose, &twist, angle.abs(), margin)
-        };
-        let around = error - std::f64::consts::TAU.copysign(error);
-        let angle = if closed(error)? && !closed(around)? { around } else { error };
-        let rate = stopping_speed(angle.abs(), limits.twist.yaw_acceleration, request.dt).min(limits.twist.yaw_rate);
-        let target = Twist2::new(0.0, 0.0, rate.copysign(angle));
-        let motion = limits.step_checked(&request.state.motion(), &target.into(), request.dt);
-        match self.guard.check_trusted(request, &motion)? {
-            Verdict::Clear => Ok(LocalCommand { motion, status: LocalPlanStatus::Following }),
-            Verdict::Blocked(because) => self.blocked(request, because),
-        }
-    }
 }
 
 impl LocalPlanner for Dwa {
@@ -304,14 +247,21 @@ impl LocalPlanner for Dwa {
             let motion = self.guard.brake(&request)?;
             return Ok(LocalCommand { motion, status: LocalPlanStatus::InCollision });
         }
-        match self.reference.update_trusted(&request) {
+        let task = self.reference.update_trusted(&request);
+        if self.reference.is_new() {
+            self.progress = lead::Patience::default();
+        }
+        match task {
             Task::Drive(drive) => self.drive(&request, &drive),
-            Task::Turn(error) => self.turn(&request, error),
+            Task::Turn(error) => {
+                self.last = Twist2::ZERO;
+                lead::turn(&self.guard, &request, error)
+            }
             Task::Arrive => {
                 let motion = self.guard.brake(&request)?;
                 Ok(LocalCommand { motion, status: LocalPlanStatus::Arrived })
             }
-            Task::OffPath => self.blocked(&request, BlockReason::OffPath),
+            Task::OffPath => lead::blocked(&self.guard, &request, BlockReason::OffPath),
         }
     }
 }

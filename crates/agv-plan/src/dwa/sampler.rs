@@ -1,23 +1,20 @@
-//! The samples of the window, and the command with which a vehicle begins to drive towards one of them.
+//! The samples of the window.
 
 use super::{
     Dwa,
-    window::{Window, samples, steering_angle},
+    window::{Window, samples},
 };
-use crate::local::Drive;
-use agv_core::{
-    geometry::Twist2,
-    kinematics::{Motion, rise},
-    roles::LocalPlanRequest,
-};
+use crate::local::{Drive, lead};
+use agv_core::roles::LocalPlanRequest;
 
 impl Dwa {
     pub(super) fn sample(&mut self, request: &LocalPlanRequest<'_>, drive: &Drive) {
         let &LocalPlanRequest { state, map, limits, dt, .. } = request;
         let params = &self.params;
         let time = self.window_time(request);
-        let window = Window::new(&state.motion(), limits, time.max(dt), drive.gear, self.speed_cap(request, drive));
-        let steering = steering_angle(&state.motion(), limits);
+        let cap = lead::speed_cap(request, drive, params.stopping_share);
+        let window = Window::new(&state.motion(), limits, time.max(dt), drive.gear, cap);
+        let steering = lead::steering_angle(&state.motion(), limits);
         let turn = limits.steering.map_or(state.twist.yaw_rate, |steered| steered.curvature(steering));
         self.batch.begin(&state, map, params.steps, params.horizon / params.steps as f64);
         self.speeds.clear();
@@ -47,29 +44,4 @@ impl Dwa {
         let share = room.min(0.5 + 0.5 * fast).clamp(adaptive.least, 1.0);
         self.params.window * share
     }
-
-    /// The command that leads to what trajectory `i` aims at.
-    pub(super) fn command_towards(&self, request: &LocalPlanRequest<'_>, i: usize) -> Motion {
-        let &LocalPlanRequest { state, limits, dt, .. } = request;
-        let [vx, vy, turn] = self.batch.target(i).map(f64::from);
-        let now = state.twist;
-        let (up, down) = (limits.twist.acceleration, limits.twist.deceleration);
-        let vx = towards(now.vx, vx, up, down, dt);
-        let target = if let Some(steering) = &limits.steering {
-            let angle = steering_angle(&state.motion(), limits);
-            let change = steering.max_rate * dt;
-            let angle = (turn * steering.wheelbase).atan().clamp(angle - change, angle + change);
-            Motion { twist: Twist2::new(vx, 0.0, vx * steering.curvature(angle)), steering: Some(angle) }
-        } else {
-            let change = limits.twist.yaw_acceleration;
-            Twist2::new(vx, towards(now.vy, vy, up, down, dt), towards(now.yaw_rate, turn, change, change, dt)).into()
-        };
-        limits.step_checked(&state.motion(), &target, dt)
-    }
-}
-
-/// A component after a step towards its target.
-fn towards(now: f64, target: f64, acceleration: f64, deceleration: f64, dt: f64) -> f64 {
-    let (lowest, highest) = (-rise(-now, acceleration, deceleration, dt), rise(now, acceleration, deceleration, dt));
-    target.max(lowest).min(highest)
 }

@@ -145,6 +145,11 @@ impl NavigationField {
         }
     }
 
+    /// Edge of a cell, in metres, once there is a map: a multiple of that of the map's cells.
+    pub(crate) fn resolution(&self) -> Option<f64> {
+        self.layout.as_ref().map(GridLayout::resolution)
+    }
+
     /// Whether the vehicle's origin may be at a point of the map.
     pub fn is_open(&self, point: &Vector2<f64>) -> bool {
         let cell = self.layout.as_ref().and_then(|layout| layout.index(layout.cell_at(point)?));

@@ -16,11 +16,8 @@ const BEHIND: f64 = 1.5;
 /// Way that counts as progress, in metres.
 const PROGRESS: f64 = 0.05;
 
-/// Distance of two places on the path that are tried for a target, in metres.
-const EVERY: f64 = 0.1;
-
 /// Where on the path the way of this cycle should lead: `look_ahead` metres on if the vehicle can be there and there is a way, else
-/// beyond what closes the path, else nearer. The distance field is that of the answer.
+/// beyond what closes the path, else nearer; places are tried a cell of the field apart. The distance field is that of the answer.
 pub(crate) fn aim(
     field: &mut NavigationField,
     course: &Course,
@@ -28,8 +25,8 @@ pub(crate) fn aim(
     position: &Vector2<f64>,
     look_ahead: f64,
 ) -> Option<Vector2<f64>> {
-    let from = drive.projection.arc_length;
-    let mut tried = 0;
+    let (from, step) = (drive.projection.arc_length, field.resolution()?);
+    let (mut tried, mut tried_last) = (0, f64::NAN);
     let ahead = drive.to_stop().min(look_ahead);
     for share in [1.0, 1.5, 0.6, 0.3] {
         let mut arc_length = (from + share * look_ahead).min(drive.stop);
@@ -37,13 +34,17 @@ pub(crate) fn aim(
         while arc_length >= nearest {
             let (point, _) = course.point_at(arc_length)?;
             if field.is_open(&point) {
-                tried += 1;
+                // Near the end of the path several shares lead to it.
+                if arc_length == tried_last {
+                    break;
+                }
+                (tried, tried_last) = (tried + 1, arc_length);
                 if field.compute(&point, position, BEHIND) {
                     return Some(point);
                 }
                 break;
             }
-            arc_length -= EVERY;
+            arc_length -= step;
         }
         if tried > 2 {
             break;
@@ -80,19 +81,26 @@ pub(crate) fn speed_cap(request: &LocalPlanRequest<'_>, drive: &Drive, stopping_
     stopping_speed(to_stop, deceleration, request.dt).max(0.05)
 }
 
-/// How long there has been no progress.
-#[derive(Debug, Clone, Copy, Default)]
+/// How long there has been no progress; on a new path it begins anew.
+#[derive(Debug, Clone, Copy)]
 pub(crate) struct Patience {
     /// Least that remained, in metres, and time of driving since then, in seconds: who stands for somebody does not lose it.
     least: f64,
     waited: f64,
 }
 
+impl Default for Patience {
+    /// Of a path on which the vehicle has not driven yet.
+    fn default() -> Self {
+        Self { least: f64::INFINITY, waited: 0.0 }
+    }
+}
+
 impl Patience {
-    /// Looks at what remains of the path, or of a new one; the time without progress, in seconds.
-    pub(crate) fn look(&mut self, drive: &Drive, is_new: bool) -> f64 {
-        if is_new || drive.remaining < self.least - PROGRESS {
-            *self = Self { least: drive.remaining, waited: 0.0 };
+    /// Looks at what remains of the path, in metres; the time without progress, in seconds.
+    pub(crate) fn look(&mut self, remaining: f64) -> f64 {
+        if remaining < self.least - PROGRESS {
+            *self = Self { least: remaining, waited: 0.0 };
         }
         self.waited
     }
@@ -104,7 +112,7 @@ impl Patience {
 }
 
 /// The angle of the steered wheels; zero for a vehicle without.
-fn steering_angle(current: &Motion, limits: &MotionLimits) -> f64 {
+pub(crate) fn steering_angle(current: &Motion, limits: &MotionLimits) -> f64 {
     limits.steering.map_or(0.0, |steering| {
         let twist = current.twist;
         let read = if twist.vx == 0.0 { 0.0 } else { (steering.wheelbase * twist.yaw_rate / twist.vx).atan() };
@@ -160,12 +168,7 @@ pub(crate) fn blocked(
 }
 
 /// Turns on the spot: the shorter way, unless that is closed and the other is not. An angle of zero is a stop on the way.
-pub(crate) fn turn(
-    guard: &Guard,
-    request: &LocalPlanRequest<'_>,
-    error: f64,
-    margin: f64,
-) -> Result<LocalCommand, LocalPlanError> {
+pub(crate) fn turn(guard: &Guard, request: &LocalPlanRequest<'_>, error: f64) -> Result<LocalCommand, LocalPlanError> {
     if error == 0.0 {
         let motion = guard.brake(request)?;
         return Ok(LocalCommand { motion, status: LocalPlanStatus::Following });
@@ -174,7 +177,13 @@ pub(crate) fn turn(
     // All of the turn, not the next cycle: the way is chosen once, and not again at the obstacle.
     let closed = |angle: f64| {
         let twist = Twist2::new(0.0, 0.0, 1.0_f64.copysign(angle));
-        request.map.obstacles().collides_along_within(guard.footprint(), &pose, &twist, angle.abs(), margin)
+        request.map.obstacles().collides_along_within(
+            guard.footprint(),
+            &pose,
+            &twist,
+            angle.abs(),
+            guard.params().margin,
+        )
     };
     let around = error - std::f64::consts::TAU.copysign(error);
     let angle = if closed(error)? && !closed(around)? { around } else { error };

@@ -14,7 +14,7 @@ pub(crate) mod lead;
 pub mod moving;
 mod reference;
 mod tracked;
-mod trajectories;
+pub(crate) mod trajectories;
 
 use agv_core::{
     check,

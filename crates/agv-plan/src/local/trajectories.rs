@@ -353,7 +353,7 @@ fn beyond(map: &LocalMap) -> f32 {
 }
 
 /// What the vehicle does: forward and sideways speed, and yaw rate, or curvature if it steers.
-fn now(state: &VehicleState, limits: &MotionLimits) -> [f32; 3] {
+pub(crate) fn now(state: &VehicleState, limits: &MotionLimits) -> [f32; 3] {
     let twist = state.twist;
     let turn = limits.steering.map_or(twist.yaw_rate, |steering| {
         let read = if twist.vx == 0.0 { 0.0 } else { twist.yaw_rate / twist.vx };

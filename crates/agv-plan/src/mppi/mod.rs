@@ -11,8 +11,8 @@
 //! itself. What is rolled out, scored and averaged is what the vehicle would do: each sequence is led through the limits of speed and
 //! acceleration first. A part of the samples are plain arcs, which look where `U` does not.
 //!
-//! A mean of ways around both sides of an obstacle leads into it. So it is rolled out as well, and where it is worse than the best sample,
-//! that is taken instead; and whatever is taken begins with a command that the [`Guard`](crate::local::Guard) lets pass.
+//! A mean of ways around both sides of an obstacle leads into it. So it is rolled out as well, and where it is worse than the best sample
+//! by more than `temperature`, that is taken instead; and whatever is taken begins with a command that the [`Guard`](crate::local::Guard) lets pass.
 
 mod block;
 mod params;

@@ -11,7 +11,7 @@ use crate::{
     local::{
         Drive, Guard, NavigationField, Reference, Task, Trajectories, Verdict, check_request,
         critics::{Critic, Oscillation, PreferForward, Progress, Scene, Spread},
-        lead,
+        lead, trajectories,
     },
 };
 use agv_core::{
@@ -177,7 +177,7 @@ impl Mppi {
             return self.blocked(request, BlockReason::Obstacle);
         };
         self.field.trace(&position);
-        if self.progress.look(drive, self.reference.is_new()) > self.params.patience {
+        if self.progress.look(drive.remaining) > self.params.patience {
             return self.blocked(request, BlockReason::Limits);
         }
         let scene = Scene {
@@ -191,9 +191,7 @@ impl Mppi {
         };
         let Self { params, plan, blocks, mean, spreads, sums, .. } = self;
         let (ranges, sigmas) = reach(request, drive, params);
-        let twist = request.state.twist;
-        let turn = if request.limits.steering.is_some() { 0.0 } else { twist.yaw_rate };
-        let now = [twist.vx, twist.vy, turn].map(|value| value as f32);
+        let now = trajectories::now(&request.state, request.limits);
         plan.move_on(request.dt / step_of(params), params.steps, now);
         let proposal = Proposal { plan, params, ranges, sigmas };
         let (seed, cycle) = (self.seed, self.cycle);
@@ -304,29 +302,43 @@ impl Mppi {
         self.rest();
         lead::blocked(&self.guard, request, reason)
     }
+
+    /// A cycle; one that fails may leave half a plan.
+    fn cycle(&mut self, request: &LocalPlanRequest<'_>) -> Result<LocalCommand, LocalPlanError> {
+        check_request(request)?;
+        if self.guard.touches(request)? {
+            self.rest();
+            let motion = self.guard.brake(request)?;
+            return Ok(LocalCommand { motion, status: LocalPlanStatus::InCollision });
+        }
+        let task = self.reference.update_trusted(request);
+        if self.reference.is_new() {
+            self.progress = lead::Patience::default();
+        }
+        match task {
+            Task::Drive(drive) => self.drive(request, &drive),
+            Task::Turn(error) => {
+                self.rest();
+                lead::turn(&self.guard, request, error)
+            }
+            Task::Arrive => {
+                self.rest();
+                let motion = self.guard.brake(request)?;
+                Ok(LocalCommand { motion, status: LocalPlanStatus::Arrived })
+            }
+            Task::OffPath => self.blocked(request, BlockReason::OffPath),
+        }
+    }
 }
 
 impl LocalPlanner for Mppi {
     fn command(&mut self, request: LocalPlanRequest<'_>) -> Result<LocalCommand, LocalPlanError> {
-        check_request(&request)?;
-        if self.guard.touches(&request)? {
+        let command = self.cycle(&request);
+        // A plan that was moved on or averaged, but not begun, is none.
+        if command.is_err() {
             self.rest();
-            let motion = self.guard.brake(&request)?;
-            return Ok(LocalCommand { motion, status: LocalPlanStatus::InCollision });
         }
-        match self.reference.update_trusted(&request) {
-            Task::Drive(drive) => self.drive(&request, &drive),
-            Task::Turn(error) => {
-                self.rest();
-                lead::turn(&self.guard, &request, error, self.params.guard.margin)
-            }
-            Task::Arrive => {
-                self.rest();
-                let motion = self.guard.brake(&request)?;
-                Ok(LocalCommand { motion, status: LocalPlanStatus::Arrived })
-            }
-            Task::OffPath => self.blocked(&request, BlockReason::OffPath),
-        }
+        command
     }
 }
 

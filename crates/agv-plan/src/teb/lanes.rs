@@ -31,6 +31,12 @@ impl Stretch {
         self.low <= other.high && other.low <= self.high
     }
 
+    /// Places around a free one, and those of another stretch.
+    fn around(offset: f64, within: f64, other: Option<Self>) -> Self {
+        let (low, high) = (offset - within, offset + within);
+        other.map_or(Self { low, high }, |other| Self { low: low.min(other.low), high: high.max(other.high) })
+    }
+
     /// Whether this is met on the way from a place to another stretch.
     fn is_between(&self, from: f64, to: &Self) -> bool {
         if from < to.low { self.low < to.low && self.high >= from } else { self.high > to.high && self.low <= from }
@@ -72,7 +78,7 @@ pub(super) struct Lanes {
 }
 
 impl Lanes {
-    /// Looks beside the path for at most `most` ways to its end, the least detours first. What moves is where it will be when a
+    /// Looks beside the path for at most `most` ways to its end or to the map's, the least detours first. What moves is where it will be when a
     /// vehicle at the usual speed comes there.
     pub(super) fn search(&mut self, samples: &[Sample], ground: &Ground<'_>, movers: &[MovingObstacle], most: usize) {
         for list in &mut self.blocked {
@@ -84,6 +90,9 @@ impl Lanes {
         self.found.clear();
         self.free.clear();
         self.along_path = true;
+        // Past the last place on the map nothing is known.
+        let on_map = |s: &Sample| ground.clearance([s.position.x, s.position.y, s.yaw]).is_some();
+        let samples = &samples[..samples.iter().rposition(on_map).map_or(0, |i| i + 1)];
         let (Some(start), Some(second)) = (samples.first(), samples.get(1)) else { return };
         let offset = second.across().dot(&(start.position - second.position));
         self.free.push(Stretch { low: offset, high: offset });
@@ -171,29 +180,51 @@ impl Lanes {
         };
         self.blocked.swap(0, 1);
         self.blocked[0].clear();
-        let (mut open, mut room): (Option<Stretch>, f64) = (None, f64::NEG_INFINITY);
+        // The present stretch by where it was looked at, and by what the clearance there says is free.
+        let (mut open, mut wide): (Option<Stretch>, Option<Stretch>) = (None, None);
+        let mut room = f64::NEG_INFINITY;
         let mut gap = Gap::new(-reach);
         let mut offset = -reach;
+        // Where at the lowest the present stretch may begin, by what was blocked last, and its last place that was looked at.
+        let (mut begin, mut last) = (-reach, -reach);
+        let within = |clearance: f64| (clearance - floor).max(0.0);
         loop {
             let here = clearance(offset);
             let is_free = here.is_some_and(|c| c > if offset == 0.0 { 0.0 } else { floor });
             self.along_path &= offset != 0.0 || is_free;
-            if is_free {
+            if let (true, Some(here)) = (is_free, here) {
+                (begin, last) = (begin.min(offset), offset);
                 open = Some(Stretch { high: offset, ..open.unwrap_or(Stretch { low: offset, high: offset }) });
-                room = room.max(here.unwrap_or(0.0));
+                wide = Some(Stretch::around(offset, within(here), wide));
+                room = room.max(here);
             }
             let at_end = offset >= reach;
-            if let (Some(stretch), true) = (open, !is_free || at_end) {
+            if let (Some(mut stretch), true) = (open, !is_free || at_end) {
+                let end = if is_free { reach } else { here.map_or(last, |c| last.max(offset + c - floor)) };
+                // Looked at from aside, a narrow one has more room in its middle.
+                let middle = 0.5 * (begin + end);
+                if room <= wanted
+                    && let Some(c) = clearance(middle).filter(|&c| c > floor)
+                {
+                    wide = Some(Stretch::around(middle, within(c), wide));
+                    room = room.max(c);
+                }
+                // Looked at in hardly more than a place, it might overlap none of its own lane.
+                if let (Some(wide), true) = (wide, stretch.high - stretch.low < STEP) {
+                    stretch = Stretch { low: wide.low.max(begin), high: wide.high.min(end) };
+                }
                 // Too narrow to look for, but for the path itself.
                 if room > wanted || (stretch.low <= 0.0 && stretch.high >= 0.0) {
                     self.block(&gap, stretch.low, sample, ground);
                     self.free.push(stretch);
                     gap = Gap::new(stretch.high);
                 }
-                (open, room) = (None, f64::NEG_INFINITY);
+                (open, wide, room) = (None, None, f64::NEG_INFINITY);
             }
             if !is_free {
                 gap.meet(offset, here);
+                // Off the map nothing is known.
+                begin = here.map_or(f64::INFINITY, |c| offset + floor - c);
             }
             if at_end {
                 break;
@@ -206,14 +237,16 @@ impl Lanes {
 
     /// Gives a blocked stretch to the obstacle that it goes on from, or to a new one.
     fn block(&mut self, gap: &Gap, high: f64, sample: &Sample, ground: &Ground<'_>) {
-        let Some((deepest, _)) = gap.deepest else { return };
+        let Some((deepest, clearance)) = gap.deepest else { return };
         let stretch = Stretch { low: gap.low, high };
         let known = self.blocked[1].iter().find(|(before, _)| before.overlaps(&stretch)).map(|&(_, i)| i);
         let obstacle = known.unwrap_or_else(|| {
             let across = sample.across();
             let at = sample.position + across * deepest;
-            // A point of the obstacle itself, which no band runs over that only comes too near.
-            let nearest = ground.map.distance_at(&at).and_then(|(distance, slope)| {
+            // A point of the obstacle itself, which no band runs over that only comes too near; where who moves is in the way, the
+            // place itself.
+            let stands = ground.clearance([at.x, at.y, sample.yaw]).is_some_and(|c| c <= clearance);
+            let nearest = ground.map.distance_at(&at).filter(|_| stands).and_then(|(distance, slope)| {
                 let point = at - slope.try_normalize(1e-9)? * distance;
                 let offset = across.dot(&(point - sample.position));
                 (stretch.low <= offset && offset <= stretch.high).then_some(point)
@@ -290,6 +323,16 @@ mod tests {
 
     /// The ways along a hall of 8 x 6 m with posts, a disc's of 0.2 m: places at each sample, and their signatures.
     fn ways(posts: &[Vector2<f64>], most: usize) -> (Vec<Vec<Vector2<f64>>>, Vec<Signature>, LocalMap) {
+        ways_along(3.0, posts, &[], most)
+    }
+
+    /// The same with the path elsewhere in the hall, and with who moves.
+    fn ways_along(
+        y: f64,
+        posts: &[Vector2<f64>],
+        movers: &[MovingObstacle],
+        most: usize,
+    ) -> (Vec<Vec<Vector2<f64>>>, Vec<Signature>, LocalMap) {
         let layout = GridLayout::new(160, 120, 0.05, Se2::default()).unwrap();
         let mut costmap = Costmap::from_map(&Grid::filled(layout, CellState::Free));
         for post in posts {
@@ -298,16 +341,16 @@ mod tests {
         let map = LocalMap::new(&costmap, LocalMapParams::default()).unwrap();
         let params = TebParams::for_footprint(Footprint::circle(0.2).unwrap());
         let (limits, path) = (MotionLimits::default(), Path::new());
-        let state = VehicleState::new(Se2::new(1.0, 3.0, 0.0), Twist2::ZERO);
+        let state = VehicleState::new(Se2::new(1.0, y, 0.0), Twist2::ZERO);
         let request = LocalPlanRequest { state, path: &path, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
         let circles = [Circle { center: Vector2::zeros(), radius: 0.2 }];
         let ground = Ground::new(&params, &circles, &request, 1.0);
-        let at = |i: u32| Sample { position: Vector2::new(1.0 + 0.1 * f64::from(i), 3.0), yaw: 0.0, direction: 0.0 };
+        let at = |i: u32| Sample { position: Vector2::new(1.0 + 0.1 * f64::from(i), y), yaw: 0.0, direction: 0.0 };
         let samples: Vec<_> = (0..=60).map(at).collect();
         let mut lanes = Lanes::default();
-        lanes.search(&samples, &ground, &[], most);
+        lanes.search(&samples, &ground, movers, most);
         let blocked = samples.iter().any(|s| ground.clearance([s.position.x, s.position.y, 0.0]).unwrap() <= 0.0);
-        assert_eq!(lanes.is_path_free(), !blocked);
+        assert!(!movers.is_empty() || lanes.is_path_free() != blocked);
         let (mut found, mut signatures, mut offsets) = (Vec::new(), Vec::new(), Vec::new());
         for way in 0..lanes.count() {
             lanes.offsets(way, 0.1, &mut offsets);
@@ -339,6 +382,28 @@ mod tests {
         assert_eq!(ways(&pair, 20).0.len(), 2);
         let wall: Vec<_> = (0..30).map(|i| Vector2::new(4.025, 0.1 + 0.2 * f64::from(i))).collect();
         assert_eq!(ways(&wall, 20).0.len(), 0);
+    }
+
+    /// The nearest of what stands is a wall behind who is in the way: that tells no sides.
+    #[test]
+    fn who_moves_is_passed_on_either_side() {
+        let wall: Vec<_> = (0..40).map(|i| Vector2::new(7.975, 2.0 + 0.05 * f64::from(i))).collect();
+        let mover = MovingObstacle::new(Vector2::new(5.5, 3.0), Vector2::zeros(), 0.3).unwrap();
+        let (found, signatures, _) = ways_along(3.0, &wall, &[mover], 20);
+        assert_eq!(found.len(), 2);
+        assert_ne!(signatures[0], signatures[1]);
+    }
+
+    /// A gap in a thick wall, with 0.15 m for the vehicle's centre, wherever the places fall that are looked at.
+    #[test]
+    fn a_narrow_lane_is_found() {
+        let cells = (0..20).flat_map(|i| (0..120).map(move |j| Vector2::new(f64::from(i), f64::from(j))));
+        let wall = cells.map(|cell| Vector2::new(3.525, 0.025) + 0.05 * cell);
+        let wall: Vec<_> = wall.filter(|place| (place.y - 3.725).abs() > 0.29).collect();
+        for i in 0..40 {
+            let y = 2.75 + 0.0125 * f64::from(i);
+            assert_eq!(ways_along(y, &wall, &[], 20).0.len(), 1, "{y}");
+        }
     }
 
     proptest! {

@@ -136,3 +136,22 @@ fn who_is_slower_is_passed() {
         assert!(arrived.is_some_and(|time| time < 8.0), "{speed} {aside}: {arrived:?} {state:?}");
     }
 }
+
+/// A post in a small window that the path leads out of: the vehicle passes it as far as the window shows.
+#[test]
+fn a_path_out_of_the_map_has_ways_around() {
+    let mut costmap = hall(4.5, 6.0);
+    disc(&mut costmap, Vector2::new(2.5, 3.0), 0.3);
+    let map = LocalMap::new(&costmap, LocalMapParams::default()).unwrap();
+    let path = Path::from_positions(&[Vector2::new(1.0, 3.0), Vector2::new(12.0, 3.0)]).unwrap();
+    let limits = barn_limits();
+    let mut teb = Teb::new(TebParams::for_footprint(footprint())).unwrap();
+    let mut state = VehicleState::new(Se2::new(1.0, 3.0, 0.0), Twist2::ZERO);
+    for _ in 0..300 {
+        let request = LocalPlanRequest { state, path: &path, map: &map, obstacles: &[], limits: &limits, dt: 0.05 };
+        let command = teb.command(request).unwrap();
+        state = state.after(&command.motion, 0.05);
+        assert_ne!(command.status, LocalPlanStatus::InCollision, "{state:?}");
+    }
+    assert!(state.map_from_base.x() > 3.0, "{state:?}");
+}

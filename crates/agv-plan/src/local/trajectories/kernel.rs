@@ -154,7 +154,8 @@ fn roll_out(rows: &mut Rows<'_>, scene: &Scene<'_>) {
     }
 }
 
-/// One step: velocities towards their targets, then the exact arc of the new ones.
+/// One step: velocities towards their targets, then the exact arc of the new ones. Where a vehicle that steers would slow down for a bend,
+/// its yaw rate is cut instead, its curvature stays.
 #[inline(always)]
 fn advance(group: &mut Group, [target_vx, target_vy, target_turn]: &[Lanes; 3], ramps: &Ramps, dt: f32) {
     let (up, down) = (ramps.acceleration * dt, ramps.deceleration * dt);
@@ -167,7 +168,9 @@ fn advance(group: &mut Group, [target_vx, target_vy, target_turn]: &[Lanes; 3], 
         let yaw_rate = if ramps.steers { turn[i] * vx[i] } else { turn[i] };
         let speed = greater(greater(vx[i].abs(), vy[i].abs()), 1e-6);
         let most = less(ramps.yaw_rate, ramps.lateral_acceleration / speed);
-        let angle = less(greater(yaw_rate, -most), most) * dt;
+        let yaw_rate = less(greater(yaw_rate, -most), most);
+        turn[i] = if ramps.steers { turn[i] } else { yaw_rate };
+        let angle = yaw_rate * dt;
         let square = angle * angle;
         let a = 1.0 - square * (1.0 / 6.0) * (1.0 - square * (1.0 / 20.0) * (1.0 - square * (1.0 / 42.0)));
         let b = 0.5 - square * (1.0 / 24.0) * (1.0 - square * (1.0 / 30.0) * (1.0 - square * (1.0 / 56.0)));

@@ -6,10 +6,11 @@ use agv_core::{
     kinematics::MotionLimits,
     obstacle::MovingObstacle,
     path::{Path, PathPoint},
-    roles::VehicleState,
+    roles::{VehicleState, laws},
 };
 use nalgebra::Vector2;
 use rand_distr::{Distribution, Normal};
+use std::f64::consts::FRAC_PI_2;
 
 fn hall(post: Option<(f64, f64, f64)>) -> LocalMap {
     let layout = GridLayout::new(180, 120, 0.05, Se2::new(-1.5, -3.0, 0.0)).unwrap();
@@ -98,32 +99,46 @@ fn it_lets_somebody_pass_who_crosses() {
     }
 }
 
-/// All that is sampled is within reach from step to step, from going back to full speed.
+/// All that is sampled is within reach from step to step, from going back to full speed. Where a vehicle that steers would slow down
+/// for a bend, the roll-out cuts the turn instead, and the curvature says nothing of it: its yaw rate is left out.
 #[test]
 fn samples_are_what_the_vehicle_can_do() {
-    let (map, limits, way) = (hall(Some((3.0, 0.0, 0.5))), MotionLimits::default(), path());
+    for (name, limits) in laws::vehicles() {
+        samples_are_within(name, &limits);
+    }
+}
+
+fn samples_are_within(name: &str, limits: &MotionLimits) {
+    let (map, way) = (hall(Some((3.0, 0.0, 0.5))), path());
     let mut planner = Mppi::new(params(), Seed(5)).unwrap();
     let state = VehicleState::new(Se2::default(), Twist2::new(0.5, 0.0, 0.1));
-    let request = LocalPlanRequest { state, path: &way, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
+    let request = LocalPlanRequest { state, path: &way, map: &map, obstacles: &[], limits, dt: 0.1 };
     planner.command(request).unwrap();
+    let (most_turn, turn_rate) =
+        limits.steering.map_or((limits.twist.yaw_rate, 1.0), |s| (limits.max_curvature(), s.max_rate / s.wheelbase));
+    let begin = trajectories::now(&state, limits).map(f64::from);
     let (step, mut spread) = (step_of(&params()), (f32::INFINITY, f32::NEG_INFINITY));
     for (batch, costs) in planner.samples() {
         assert_eq!(batch.len(), costs.len());
         for i in 0..batch.len() {
-            let mut now = state.twist;
+            let mut now = begin;
             for k in 0..batch.steps() {
-                let [vx, vy, yaw_rate] = batch.control(i, k).map(f64::from);
-                let next = Twist2::new(vx, vy, yaw_rate);
-                let change = [(next.vx - now.vx, 0.5), (next.vy - now.vy, 0.5), (next.yaw_rate - now.yaw_rate, 1.0)];
-                assert!(change.iter().all(|(change, rate)| change.abs() <= rate * step + 1e-5), "{now:?} {next:?}");
-                let less = 1.0 - 1e-5;
-                assert!(limits.twist.allows(&Twist2::new(less * vx, vy, less * yaw_rate)), "{next:?}");
+                let next = batch.control(i, k).map(f64::from);
+                let rates = [0.5, 0.5, turn_rate];
+                let is_near = |c: usize| (next[c] - now[c]).abs() <= rates[c] * step + 1e-5;
+                assert!((0..3).all(is_near), "{name}: {now:?} {next:?}");
+                let [vx, vy, turn] = next.map(|value| value * (1.0 - 1e-5));
+                let yaw_rate = if limits.steering.is_some() { 0.0 } else { turn };
+                assert!(limits.twist.allows(&Twist2::new(vx, vy, yaw_rate)), "{name}: {next:?}");
+                assert!(turn.abs() <= most_turn, "{name}: {next:?}");
+                let lateral = vx.abs().max(vy.abs()) * yaw_rate.abs();
+                assert!(limits.lateral_acceleration.is_none_or(|most| lateral <= most), "{name}: {next:?}");
                 now = next;
             }
-            spread = (spread.0.min(now.vx as f32), spread.1.max(now.vx as f32));
+            spread = (spread.0.min(now[0] as f32), spread.1.max(now[0] as f32));
         }
     }
-    assert!(spread.0 <= 0.0 && spread.1 >= 0.99, "{spread:?}");
+    assert!(spread.0 <= 0.0 && spread.1 >= 0.99, "{name}: {spread:?}");
     assert_eq!(planner.samples().map(|(batch, _)| batch.len()).sum::<usize>(), 1000);
 }
 
@@ -185,6 +200,37 @@ fn bad_input_is_refused_or_told() {
     assert_eq!(command.status, LocalPlanStatus::Following);
     assert_eq!(planner.command(LocalPlanRequest { path: &Path::new(), ..request }), Err(LocalPlanError::EmptyPath));
     for bad in [f64::NAN, f64::INFINITY, -1.0, 0.0] {
-        assert!(planner.command(LocalPlanRequest { dt: bad, ..request }).is_err());
+        planner.command(request).unwrap();
+        assert!(!planner.plan.controls.is_empty());
+        // Nothing of a plan outlasts an error.
+        assert!(planner.command(LocalPlanRequest { dt: bad, ..request }).is_err() && planner.plan.controls.is_empty());
+    }
+}
+
+/// What was left of the last path is no progress on the next, even if that begins with a turn.
+#[test]
+fn a_path_that_begins_with_a_turn_is_a_new_one() {
+    let (map, limits) = (hall(None), MotionLimits::default());
+    let mut planner = Mppi::new(MppiParams { patience: 3.0, samples: 400, ..params() }, Seed(2)).unwrap();
+    let mut state = VehicleState::new(Se2::new(0.0, -2.0, FRAC_PI_2), Twist2::ZERO);
+    let first = Path::from_positions(&[Vector2::new(0.0, -2.0), Vector2::new(0.0, -1.0)]).unwrap();
+    let mut second = Path::new();
+    for (x, yaw) in [(0.0, FRAC_PI_2), (0.0, 0.0), (6.0, 0.0)] {
+        second.push(PathPoint { pose: Se2::new(x, -1.0, yaw), ..PathPoint::default() }).unwrap();
+    }
+    for (path, turns) in [(&first, false), (&second, true)] {
+        let mut status = LocalPlanStatus::Following;
+        state.twist = Twist2::ZERO;
+        for cycle in 0..300 {
+            let request = LocalPlanRequest { state, path, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
+            let command = planner.command(request).unwrap();
+            assert!(!turns || cycle > 0 || command.motion.twist.yaw_rate.abs() > 0.05, "{command:?}");
+            state = state.after(&command.motion, 0.1);
+            status = command.status;
+            if status == LocalPlanStatus::Arrived {
+                break;
+            }
+        }
+        assert_eq!(status, LocalPlanStatus::Arrived, "{state:?}");
     }
 }

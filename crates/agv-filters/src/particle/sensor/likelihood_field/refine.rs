@@ -1,6 +1,6 @@
 //! The best pose near a guess: the particles are few and their mean is off by that, the peak of the likelihood is not.
 //!
-//! The pose `x` minimises, by Gauss-Newton steps from the guess `x₀` with covariance `Σ = P + 2k²/m`,
+//! The pose `x` minimises, by Gauss-Newton steps from the guess `x₀` with covariance `Σ = P + diag(2k²/m, 2k²/m, 0)`,
 //!
 //! ```text
 //! ½ |x ⊖ x₀|²_Σ + a Σ_i (1 - exp(-d_i² / 2k²))        k = σ_hit / √3
