@@ -46,7 +46,9 @@ pub mod convert;
 mod eigen;
 mod error;
 pub mod gicp;
+pub mod loam;
 pub mod ndt;
+pub mod odometry;
 pub mod preprocess;
 pub mod registration;
 #[cfg(test)]
