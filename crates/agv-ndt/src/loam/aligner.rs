@@ -20,6 +20,9 @@ const COARSE_ROUNDS: usize = 4;
 /// Fewest matches of a step.
 const FEWEST: usize = 10;
 
+/// Least share of the features that the map must know.
+const MATCHED: f64 = 0.1;
+
 /// Owner of the matches.
 #[derive(Debug, Clone, Default)]
 pub(super) struct Aligner {
@@ -58,6 +61,10 @@ impl Aligner {
             }
         }
         choose(features, params.max_surfaces, params.max_edges, &mut self.matches);
+        // In places that are more clutter than surface the coarse levels may lead away from a good guess.
+        if start > 0 && self.inliers(guess, map, params, par) >= self.inliers(&pose, map, params, par) {
+            pose = *guess;
+        }
         let (mut found, more) = self.rounds(&pose, map, params, solve, &Matrix6::identity(), par);
         iterations += more;
         let mut fit = self.objective(Selection::All, params.kernel, par).fit(&found.pose, params.inlier_distance, params.min_facing_share);
@@ -73,6 +80,12 @@ impl Aligner {
             fit = MatchFit { unobserved: held, ..refit };
         }
         self.conclude(found, fit, iterations, guess, params, par)
+    }
+
+    /// Features that lie where the finest level has them.
+    fn inliers(&mut self, pose: &Se3, map: &LocalMap, params: &LoamParams, par: Par) -> usize {
+        associate(&mut self.matches, map, 0, map.level(0).reach(), pose, par);
+        self.objective(Selection::All, params.kernel, par).inliers(pose, params.inlier_distance)
     }
 
     fn objective(&self, selection: Selection, kernel: f64, par: Par) -> MatchObjective<'_> {
@@ -161,7 +174,7 @@ impl Aligner {
             return lost;
         }
         let mut result = Alignment::unknown(found.pose, found.termination);
-        if found.termination == Termination::Converged && fit.inlier_ratio < params.min_inlier_ratio {
+        if found.termination == Termination::Converged && (fit.inlier_ratio < params.min_inlier_ratio || fit.matched_ratio < MATCHED) {
             result.termination = Termination::PoorFit;
         }
         result.iterations = iterations;

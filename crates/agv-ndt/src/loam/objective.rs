@@ -24,9 +24,15 @@ pub(super) struct Match {
     /// Place in the base frame.
     place: Vector3<f64>,
     is_edge: bool,
+    /// Where in the map it was when it was matched; far from everything before.
+    matched_at: Vector3<f64>,
     /// On the plane or line, in the map; `None` if there was none near enough.
     anchor: Option<Anchor>,
 }
+
+/// How far a feature may move before it is matched anew, as a share of the map's spacing: a plane through five points does not change
+/// over a tenth of their distance.
+const STILL: f64 = 0.1;
 
 #[derive(Debug, Clone, Copy)]
 struct Anchor {
@@ -51,18 +57,25 @@ pub(super) fn choose(features: &PlacedFeatures, surfaces: usize, edges: usize, o
     let mut take = |places: &[Vector3<f64>], most: usize, is_edge: bool| {
         let count = most.min(places.len());
         // i n / count is below n.
-        out.extend((0..count).map(|i| Match { place: places[i * places.len() / count], is_edge, anchor: None }));
+        let matched_at = Vector3::repeat(f64::INFINITY);
+        let place = |i: usize| places[i * places.len() / count];
+        out.extend((0..count).map(|i| Match { place: place(i), is_edge, matched_at, anchor: None }));
     };
     take(&features.surfaces, surfaces, false);
     take(&features.edges, edges, true);
 }
 
-/// Matches features at a pose.
+/// Matches features at a pose, those that have moved since they were matched.
 pub(super) fn associate(matches: &mut [Match], map: &LocalMap, level: usize, radius: f64, pose: &Se3, par: Par) {
     let (planes, lines) = (map.level(level), map.edges());
+    let still = STILL * planes.spacing();
     par.for_each_chunk(matches, CHUNK, |_, matches| {
         for item in matches {
             let x = pose.act(&item.place);
+            if (x - item.matched_at).norm_squared() <= still * still {
+                continue;
+            }
+            item.matched_at = x;
             let nearest = |points: &PointMap| points.nearest::<POINTS>(&x, radius);
             let surface = if item.is_edge {
                 nearest(lines).and_then(|near| fit::line(&near, 0.2 * lines.spacing()))
@@ -81,8 +94,10 @@ pub(super) fn associate(matches: &mut [Match], map: &LocalMap, level: usize, rad
 /// What the matches of a pose amount to.
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct MatchFit {
-    /// Share of the features that lie where the map has them.
+    /// Share of the matched features that lie where the map has them.
     pub(super) inlier_ratio: f64,
+    /// Share of the features that are matched at all: those of places that were not seen before are not.
+    pub(super) matched_ratio: f64,
     /// Directions that the matches leave free.
     pub(super) unobserved: Matrix6<f64>,
     /// Mean square of the inliers' distances, in square metres.
@@ -134,10 +149,22 @@ impl MatchObjective<'_> {
             self.par.map_reduce(self.chunks(), chunk, |(a, n, s), (b, m, t)| (a.merged(b), n + m, s + t));
         let (facing, inliers, square_sum) = sums.unwrap_or_default();
         MatchFit {
-            inlier_ratio: inliers as f64 / self.matches.len().max(1) as f64,
+            inlier_ratio: inliers as f64 / self.count().max(1) as f64,
+            matched_ratio: self.count() as f64 / self.matches.len().max(1) as f64,
             unobserved: facing.unobserved(pose, min_facing_share, &Matrix6::identity()),
             variance: square_sum / inliers.max(1) as f64,
         }
+    }
+
+    /// Matches within `distance` metres.
+    pub(super) fn inliers(&self, pose: &Se3, distance: f64) -> usize {
+        let near = |item: &&Match| {
+            self.anchor(item).is_some_and(|anchor| {
+                let d = pose.act(&item.place) - anchor.place;
+                d.dot(&(anchor.fixed * d)) <= distance * distance
+            })
+        };
+        self.matches.iter().filter(near).count()
     }
 
     const fn chunks(&self) -> usize {

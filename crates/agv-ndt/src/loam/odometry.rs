@@ -120,13 +120,11 @@ impl LoamOdometry {
         self.placed.rebuild(&self.features, &cloud.base_from_sensor(), twist.as_ref());
     }
 
-    /// The motion of the base since the last cloud, from `motion` on.
-    fn track(&mut self, prior: &MotionPrior, motion: &Se3) -> Alignment<Se3> {
+    /// The pose of the base, which was at `origin` and moved by `motion`, give or take `sigma` metres at the features.
+    fn track(&mut self, origin: &Se3, motion: &Se3, sigma: f64) -> Alignment<Se3> {
         let Self { params, placed, aligner, map, last, par, .. } = self;
-        let sigma = prior.sigma().max(LEAST_SIGMA);
-        let origin = prior.pose();
         let mut guess = origin.compose(motion);
-        let (mut sigma, mut solve) = (sigma, params.solve);
+        let (mut sigma, mut solve) = (sigma.max(LEAST_SIGMA), params.solve);
         if params.target != LoamTarget::LocalMap {
             let mut found = aligner.align(placed, last, motion, sigma, params, solve, *par);
             found.target_from_source = origin.compose(&found.target_from_source);
@@ -172,32 +170,33 @@ impl LidarOdometry for LoamOdometry {
         let seconds = state.seconds_to(stamp);
         let predicted = prior.copied().unwrap_or_else(|| state.motion_until(stamp));
         self.place(cloud, &predicted, seconds);
-        let range = self.placed.mean_range();
-        let mut found = self.track(&state, &predicted);
-        if !found.converged() {
-            // The prediction may be what is wrong: once more from where the vehicle was.
-            self.place(cloud, &Se3::identity(), seconds);
-            let other = self.track(&state, &Se3::identity());
+        let (origin, sigma, range) = (state.pose(), state.sigma(), self.placed.mean_range());
+        let mut found = self.track(&origin, &predicted, sigma);
+        // The prediction may be worse than it has been, or what is wrong.
+        let wide = self.params.initial_sigma.max(sigma);
+        for motion in [predicted, Se3::identity()] {
+            if found.converged() {
+                break;
+            }
+            self.place(cloud, &motion, seconds);
+            let other = self.track(&origin, &motion, wide);
             if other.converged() || other.inlier_ratio > found.inlier_ratio {
                 found = other;
-            } else {
-                self.place(cloud, &predicted, seconds);
             }
         }
-        let motion = state.pose().between(&found.target_from_source);
+        let motion = origin.between(&found.target_from_source);
         let turned = predicted.between(&motion);
         let skew = turned.translation().norm() + range * turned.rotation().log().norm();
         if found.converged() && cloud.time().is_some() && seconds > 0.0 && skew > SKEW {
             self.place(cloud, &motion, seconds);
-            let mut settled = state;
-            settled.learn(&motion, &motion, range);
-            found = self.track(&settled, &motion);
+            found = self.track(&origin, &motion, LEAST_SIGMA);
         }
-        let pose = if found.converged() { found.target_from_source } else { state.pose().compose(&predicted) };
+        let pose = if found.converged() { found.target_from_source } else { origin.compose(&predicted) };
         if found.converged() {
-            state.learn(&state.pose().compose(&predicted), &pose, range);
+            state.learn(&origin.compose(&predicted), &pose, range);
             self.lost = 0;
         } else {
+            self.place(cloud, &predicted, seconds);
             self.lost += 1;
             if self.lost >= GIVE_UP {
                 self.map.clear();

@@ -56,7 +56,7 @@ pub struct LoamParams {
     pub kernel: f64,
     /// Distance up to which a match is an inlier, in metres.
     pub inlier_distance: f64,
-    /// Share of inliers among the features below which a result is [`PoorFit`](agv_core::roles::Termination::PoorFit).
+    /// Share of inliers among the matched features below which a result is [`PoorFit`](agv_core::roles::Termination::PoorFit).
     pub min_inlier_ratio: f64,
     /// Share of the matches that must face a direction for it to be observed. What is not keeps the prediction.
     pub min_facing_share: f64,
@@ -77,7 +77,7 @@ impl Default for LoamParams {
             initial_sigma: 2.0,
             kernel: 0.1,
             inlier_distance: 0.15,
-            min_inlier_ratio: 0.4,
+            min_inlier_ratio: 0.6,
             min_facing_share: 0.01,
         }
     }

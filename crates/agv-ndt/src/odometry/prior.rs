@@ -8,7 +8,7 @@
 //! ```
 //!
 //! which sets how far correspondences are looked for (Vizzo et al., *KISS-ICP*, 2023, section III-C, with the mean range of the points
-//! instead of the sensor's greatest).
+//! instead of the sensor's greatest, and the latest deviations for the most part).
 
 use agv_core::{
     geometry::{LieGroup, Se3},
@@ -22,9 +22,14 @@ pub(crate) struct MotionPrior {
     last: (Stamp, Se3),
     /// Motion between the last two clouds, and the seconds that it took (zero: not known).
     motion: (Se3, f64),
+    /// Sum of `δ²` and the weight of its terms, later ones weighing more.
     square_sum: f64,
-    count: f64,
+    weight: f64,
+    initial_sigma: f64,
 }
+
+/// What a deviation's weight is multiplied with at every later one: some ten of them count.
+const FADE: f64 = 0.9;
 
 impl MotionPrior {
     /// At rest at the origin; `sigma` metres are taken for the first deviation.
@@ -32,8 +37,9 @@ impl MotionPrior {
         Self {
             last: (stamp, Se3::identity()),
             motion: (Se3::identity(), 0.0),
-            square_sum: sigma * sigma,
-            count: 1.0,
+            square_sum: 0.0,
+            weight: 0.0,
+            initial_sigma: sigma,
         }
     }
 
@@ -60,7 +66,7 @@ impl MotionPrior {
 
     /// Standard deviation of predictions at the points, in metres.
     pub(crate) fn sigma(&self) -> f64 {
-        (self.square_sum / self.count).sqrt()
+        if self.weight > 0.0 { (self.square_sum / self.weight).sqrt() } else { self.initial_sigma }
     }
 
     /// Takes a result, which differs from its prediction; `range` is the mean of the points' ranges.
@@ -68,10 +74,8 @@ impl MotionPrior {
         let deviation = predicted.between(found);
         let angle = deviation.rotation().log().norm();
         let off = 2.0 * range * (0.5 * angle).sin() + deviation.translation().norm();
-        // The last hundred or so count: a vehicle may change its driver.
-        let fade = if self.count >= 100.0 { 0.99 } else { 1.0 };
-        self.square_sum = self.square_sum * fade + off * off;
-        self.count = self.count * fade + 1.0;
+        self.square_sum = self.square_sum * FADE + off * off;
+        self.weight = self.weight * FADE + 1.0;
     }
 
     /// Goes on from `pose`.
