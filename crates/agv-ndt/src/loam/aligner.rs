@@ -20,8 +20,32 @@ const COARSE_ROUNDS: usize = 4;
 /// Fewest matches of a step.
 const FEWEST: usize = 10;
 
-/// Least share of the features that the map must know.
-const MATCHED: f64 = 0.1;
+/// Least share of the features that lie where the map has them.
+const LEAST: f64 = 0.1;
+
+/// Agreement below which a result may be a false optimum, though it is taken if nothing better is found.
+const SUSPICIOUS: f64 = 0.85;
+
+/// The pose of a cloud, and what became of its features.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Aligned {
+    pub(super) alignment: Alignment<Se3>,
+    /// Share of the matched features that lie where the map has them.
+    agreement: f64,
+}
+
+impl Aligned {
+    /// Whether there is no reason to look any further.
+    pub(super) fn is_clear(&self) -> bool {
+        self.alignment.converged() && self.agreement >= SUSPICIOUS
+    }
+
+    /// Whether this explains more of the cloud than another result.
+    pub(super) fn beats(&self, other: &Self) -> bool {
+        let rank = |of: &Self| (of.alignment.converged(), of.alignment.inlier_ratio);
+        rank(self) > rank(other)
+    }
+}
 
 /// Owner of the matches.
 #[derive(Debug, Clone, Default)]
@@ -40,7 +64,7 @@ impl Aligner {
         params: &LoamParams,
         solve: LoamSolve,
         par: Par,
-    ) -> Alignment<Se3> {
+    ) -> Aligned {
         let (mut pose, mut iterations) = (*guess, 0);
         // The coarsest level that is needed is the first to reach three sigma.
         let reach = 3.0 * sigma;
@@ -79,7 +103,7 @@ impl Aligner {
             let refit = self.objective(Selection::All, params.kernel, par).fit(&found.pose, params.inlier_distance, params.min_facing_share);
             fit = MatchFit { unobserved: held, ..refit };
         }
-        self.conclude(found, fit, iterations, guess, params, par)
+        Aligned { alignment: self.conclude(found, fit, iterations, guess, params, par), agreement: fit.agreement }
     }
 
     /// Features that lie where the finest level has them.
@@ -174,7 +198,7 @@ impl Aligner {
             return lost;
         }
         let mut result = Alignment::unknown(found.pose, found.termination);
-        if found.termination == Termination::Converged && (fit.inlier_ratio < params.min_inlier_ratio || fit.matched_ratio < MATCHED) {
+        if found.termination == Termination::Converged && (fit.agreement < params.min_agreement || fit.inlier_ratio < LEAST) {
             result.termination = Termination::PoorFit;
         }
         result.iterations = iterations;

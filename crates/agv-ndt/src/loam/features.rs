@@ -3,10 +3,11 @@
 use super::curvature::{CurvatureParams, LinePoint, SIDE, Shape, shapes_into};
 use super::surfaces::Neighbourhoods;
 use crate::Error;
+use crate::preprocess::LineFinder;
 use agv_core::{
     check,
     compute::Par,
-    sensors::{PointCloud, RangeImage, RangeImageParams, RowSource},
+    sensors::{LidarReturn, PointCloud, PointSource, RangeImage, RangeImageParams, RowSource},
 };
 use nalgebra::Vector3;
 
@@ -89,8 +90,9 @@ impl Features {
 
 /// Finds the features of clouds; buffers are used again.
 ///
-/// Clouds with a ring channel are looked at line by line, by curvature. Those without, as down-sampled, merged or deskewed clouds are,
-/// have no lines to speak of: they are thinned out, and the spread of each point's neighbours tells surface from edge.
+/// Clouds with a ring channel are looked at line by line, by curvature, and so are those whose elevations show the lines
+/// ([`LineFinder`]). Others, as down-sampled, merged or deskewed clouds are, have no lines to speak of: they are thinned out, and the
+/// spread of each point's neighbours tells surface from edge.
 ///
 /// ```
 /// use agv_core::{compute::Par, nalgebra::Vector3, sensors::PointCloud};
@@ -109,6 +111,10 @@ impl Features {
 #[derive(Debug, Clone)]
 pub struct FeatureExtractor {
     params: FeatureParams,
+    finder: LineFinder,
+    rings: Vec<u16>,
+    /// The cloud with the lines that were found.
+    lined: PointCloud,
     image: Option<RangeImage>,
     lines: Vec<Line>,
     neighbourhoods: Neighbourhoods,
@@ -136,7 +142,15 @@ impl FeatureExtractor {
     pub fn new(params: FeatureParams) -> Result<Self, Error> {
         params.validate()?;
         let neighbourhoods = Neighbourhoods::new(params.leaf as f32)?;
-        Ok(Self { params, image: None, lines: Vec::new(), neighbourhoods })
+        Ok(Self {
+            params,
+            finder: LineFinder::default(),
+            rings: Vec::new(),
+            lined: PointCloud::default(),
+            image: None,
+            lines: Vec::new(),
+            neighbourhoods,
+        })
     }
 
     /// Replaces `out` by the features of a cloud. Points that are not finite, too near or too far, are left out. Linear in the points
@@ -146,16 +160,32 @@ impl FeatureExtractor {
     /// A cloud of more points or rings than an image of them holds; `out` is then empty.
     pub fn extract_into(&mut self, cloud: &PointCloud, par: Par, out: &mut Features) -> Result<(), Error> {
         out.clear();
-        let Some(ring) = cloud.ring() else {
+        if cloud.ring().is_some() {
+            return self.extract_lines(cloud, cloud, par, out);
+        }
+        if self.finder.find_into(cloud, &mut self.rings) == 0 {
             return self.neighbourhoods.extract_into(cloud, &self.params, par, out);
-        };
-        let rows = usize::from(ring.iter().copied().max().unwrap_or(0)) + 1;
+        }
+        let returns = self.rings.iter().enumerate();
+        let returns = returns.map(|(i, &ring)| LidarReturn { position: cloud.point(i), ring, ..LidarReturn::default() });
+        let mut lined = std::mem::take(&mut self.lined);
+        lined.refill(cloud.stamp(), returns);
+        let done = self.extract_lines(&lined, cloud, par, out);
+        self.lined = lined;
+        done
+    }
+
+    /// By the lines of `lined`, which is `cloud` with rings.
+    fn extract_lines(&mut self, lined: &PointCloud, cloud: &PointCloud, par: Par, out: &mut Features) -> Result<(), Error> {
+        let ring = lined.ring().unwrap_or_default();
+        // What is marked as off all lines is not a line.
+        let rows = usize::from(ring.iter().copied().filter(|ring| *ring != u16::MAX).max().unwrap_or(0)) + 1;
         if self.image.as_ref().is_none_or(|image| image.rows() < rows) {
             let columns = COLUMNS.min(RangeImage::MAX_CELLS / rows);
             self.image = Some(RangeImage::new(RangeImageParams { rows, columns, row_source: RowSource::Ring })?);
         }
         let Some(image) = &mut self.image else { return Ok(()) };
-        image.fill(cloud)?;
+        image.fill(lined)?;
         let (image, params) = (&*image, &self.params);
         self.lines.resize_with(image.rows().max(self.lines.len()), Line::default);
         par.for_each_chunk(self.lines.as_mut_slice(), 1, |row, lines| {

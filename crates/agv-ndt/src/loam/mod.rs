@@ -10,6 +10,9 @@ mod odometry;
 mod params;
 mod surfaces;
 
+#[cfg(test)]
+mod tests;
+
 pub use features::{Feature, FeatureExtractor, FeatureParams, Features};
 pub use mapping::{LocalMap, LocalMapParams};
 pub use odometry::LoamOdometry;

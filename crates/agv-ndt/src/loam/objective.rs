@@ -95,9 +95,9 @@ pub(super) fn associate(matches: &mut [Match], map: &LocalMap, level: usize, rad
 #[derive(Debug, Clone, Copy, Default)]
 pub(super) struct MatchFit {
     /// Share of the matched features that lie where the map has them.
+    pub(super) agreement: f64,
+    /// Share of all features: those of places that were not seen before are not matched.
     pub(super) inlier_ratio: f64,
-    /// Share of the features that are matched at all: those of places that were not seen before are not.
-    pub(super) matched_ratio: f64,
     /// Directions that the matches leave free.
     pub(super) unobserved: Matrix6<f64>,
     /// Mean square of the inliers' distances, in square metres.
@@ -149,8 +149,8 @@ impl MatchObjective<'_> {
             self.par.map_reduce(self.chunks(), chunk, |(a, n, s), (b, m, t)| (a.merged(b), n + m, s + t));
         let (facing, inliers, square_sum) = sums.unwrap_or_default();
         MatchFit {
-            inlier_ratio: inliers as f64 / self.count().max(1) as f64,
-            matched_ratio: self.count() as f64 / self.matches.len().max(1) as f64,
+            agreement: inliers as f64 / self.count().max(1) as f64,
+            inlier_ratio: inliers as f64 / self.matches.len().max(1) as f64,
             unobserved: facing.unobserved(pose, min_facing_share, &Matrix6::identity()),
             variance: square_sum / inliers.max(1) as f64,
         }

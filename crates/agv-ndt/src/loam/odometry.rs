@@ -1,6 +1,6 @@
 //! LOAM-style odometry.
 
-use super::aligner::Aligner;
+use super::aligner::{Aligned, Aligner};
 use super::features::{FeatureExtractor, Features};
 use super::mapping::{LocalMap, PlacedFeatures};
 use super::params::{LoamParams, LoamSolve, LoamTarget};
@@ -10,7 +10,7 @@ use agv_core::{
     check,
     compute::Par,
     geometry::{LieGroup, Se3},
-    roles::{Alignment, AlignmentError, LidarOdometry, LidarOdometryStep},
+    roles::{AlignmentError, LidarOdometry, LidarOdometryStep},
     sensors::PointCloud,
     time::Stamp,
 };
@@ -121,18 +121,19 @@ impl LoamOdometry {
     }
 
     /// The pose of the base, which was at `origin` and moved by `motion`, give or take `sigma` metres at the features.
-    fn track(&mut self, origin: &Se3, motion: &Se3, sigma: f64) -> Alignment<Se3> {
+    fn track(&mut self, origin: &Se3, motion: &Se3, sigma: f64) -> Aligned {
         let Self { params, placed, aligner, map, last, par, .. } = self;
         let mut guess = origin.compose(motion);
         let (mut sigma, mut solve) = (sigma.max(LEAST_SIGMA), params.solve);
         if params.target != LoamTarget::LocalMap {
             let mut found = aligner.align(placed, last, motion, sigma, params, solve, *par);
-            found.target_from_source = origin.compose(&found.target_from_source);
+            let pose = origin.compose(&found.alignment.target_from_source);
+            found.alignment.target_from_source = pose;
             if params.target == LoamTarget::LastCloud {
                 return found;
             }
-            if found.converged() {
-                (guess, sigma) = (found.target_from_source, LEAST_SIGMA);
+            if found.alignment.converged() {
+                (guess, sigma) = (pose, LEAST_SIGMA);
             }
             solve = LoamSolve::Joint;
         }
@@ -174,22 +175,26 @@ impl LidarOdometry for LoamOdometry {
         let mut found = self.track(&origin, &predicted, sigma);
         // The prediction may be worse than it has been, or what is wrong.
         let wide = self.params.initial_sigma.max(sigma);
+        let mut expected = predicted;
         for motion in [predicted, Se3::identity()] {
-            if found.converged() {
+            if found.is_clear() {
                 break;
             }
             self.place(cloud, &motion, seconds);
             let other = self.track(&origin, &motion, wide);
-            if other.converged() || other.inlier_ratio > found.inlier_ratio {
-                found = other;
+            if other.beats(&found) {
+                (found, expected) = (other, motion);
+            } else {
+                self.place(cloud, &expected, seconds);
             }
         }
+        let mut found = found.alignment;
         let motion = origin.between(&found.target_from_source);
-        let turned = predicted.between(&motion);
+        let turned = expected.between(&motion);
         let skew = turned.translation().norm() + range * turned.rotation().log().norm();
         if found.converged() && cloud.time().is_some() && seconds > 0.0 && skew > SKEW {
             self.place(cloud, &motion, seconds);
-            found = self.track(&origin, &motion, LEAST_SIGMA);
+            found = self.track(&origin, &motion, LEAST_SIGMA).alignment;
         }
         let pose = if found.converged() { found.target_from_source } else { origin.compose(&predicted) };
         if found.converged() {

@@ -56,8 +56,8 @@ pub struct LoamParams {
     pub kernel: f64,
     /// Distance up to which a match is an inlier, in metres.
     pub inlier_distance: f64,
-    /// Share of inliers among the matched features below which a result is [`PoorFit`](agv_core::roles::Termination::PoorFit).
-    pub min_inlier_ratio: f64,
+    /// Share of inliers among the matched features, below which a result is [`PoorFit`](agv_core::roles::Termination::PoorFit).
+    pub min_agreement: f64,
     /// Share of the matches that must face a direction for it to be observed. What is not keeps the prediction.
     pub min_facing_share: f64,
 }
@@ -76,8 +76,8 @@ impl Default for LoamParams {
             descent: DescentParams { max_iterations: 5, ..DescentParams::default() },
             initial_sigma: 2.0,
             kernel: 0.1,
-            inlier_distance: 0.15,
-            min_inlier_ratio: 0.6,
+            inlier_distance: 0.1,
+            min_agreement: 0.6,
             min_facing_share: 0.01,
         }
     }
@@ -94,7 +94,7 @@ impl LoamParams {
         check::positive("initial_sigma", self.initial_sigma)?;
         check::positive("kernel", self.kernel)?;
         check::positive("inlier_distance", self.inlier_distance)?;
-        check::in_range("min_inlier_ratio", self.min_inlier_ratio, 0.0, 1.0)?;
+        check::in_range("min_agreement", self.min_agreement, 0.0, 1.0)?;
         check::positive("min_facing_share", self.min_facing_share)?;
         check::in_range("min_facing_share", self.min_facing_share, 0.0, 1.0)?;
         Ok(())

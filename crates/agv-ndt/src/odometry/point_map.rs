@@ -122,8 +122,16 @@ impl PointMap {
         let low = [floor(scaled.x - 0.5), floor(scaled.y - 0.5), floor(scaled.z - 0.5)];
         // Beyond what a key holds there are no blocks; one more so that the block above is within, too.
         pack(low.map(|index| index.saturating_add(index.signum())))?;
-        for corner in 0..8 {
-            let cell = [low[0] + (corner & 1), low[1] + (corner >> 1 & 1), low[2] + (corner >> 2)];
+        // The block that the query is in comes first; how far the others are at least tells which need no look.
+        let inner = [0, 1, 2].map(|axis| scaled[axis] - f64::from(low[axis]) >= 1.0);
+        let aside = [0, 1, 2].map(|axis| ((scaled[axis] - f64::from(low[axis]) - 1.0) * self.edge()) as f32);
+        for others in 0..8_u8 {
+            let other = [0, 1, 2].map(|axis| others >> axis & 1 == 1);
+            let gap: f32 = (0..3).filter(|&axis| other[axis]).map(|axis| aside[axis] * aside[axis]).sum();
+            if N == 0 || gap >= found.squares[N - 1] {
+                continue;
+            }
+            let cell = [0, 1, 2].map(|axis| low[axis] + i32::from(inner[axis] != other[axis]));
             let Some(index) = self.table.get(pack_within(cell)) else { continue };
             let offset = (self.corner(cell) - query).cast::<f32>();
             let block = &self.blocks[index as usize];
