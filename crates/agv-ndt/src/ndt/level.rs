@@ -27,9 +27,9 @@ pub(crate) struct Level {
 }
 
 impl Level {
-    /// Takes the distributions of a map in voxels of `2^doublings` times its resolution, six doublings at most; the memory is used again. The sums are
-    /// merged exactly, so that the result does not depend on the order in which the map met its voxels, but for the order of the
-    /// list.
+    /// Takes the distributions of a map in voxels of `2^doublings` times its resolution, six doublings at most; the memory is used
+    /// again. The sums are merged exactly, so that the result does not depend on the order in which the map met its voxels, but for
+    /// the order of the list.
     pub(crate) fn rebuild(&mut self, map: &NdtMap, doublings: u32) {
         let unit = map.params().resolution;
         self.edge = unit * f64::from(1_u32 << doublings);
