@@ -41,7 +41,6 @@
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-mod cells;
 pub mod convert;
 mod eigen;
 mod error;
@@ -55,3 +54,5 @@ pub mod registration;
 mod scenes;
 
 pub use error::Error;
+
+use agv_core::sensors::cells;

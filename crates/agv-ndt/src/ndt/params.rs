@@ -1,6 +1,9 @@
 //! What a registration by normal distributions may be told.
 
-use super::{gaussian::VoxelParams, search::VoxelSearch};
+use super::{
+    gaussian::{MAX_DOUBLINGS, VoxelParams},
+    search::VoxelSearch,
+};
 use crate::registration::{DescentParams, Freedom, Optimizer};
 use agv_core::{Error, check};
 
@@ -58,7 +61,7 @@ impl NdtParams {
     pub(super) fn validate(&self) -> Result<(), Error> {
         self.voxels.validate()?;
         self.descent.validate()?;
-        check::in_range("coarse_levels", f64::from(self.coarse_levels), 0.0, 6.0)?;
+        check::in_range("coarse_levels", f64::from(self.coarse_levels), 0.0, f64::from(MAX_DOUBLINGS))?;
         check::in_range("outlier_ratio", self.outlier_ratio, 0.001, 0.999)?;
         check::in_range("min_inlier_ratio", self.min_inlier_ratio, 0.0, 1.0)?;
         check::positive("min_facing_share", self.min_facing_share)?;

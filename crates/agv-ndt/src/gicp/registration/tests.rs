@@ -1,6 +1,6 @@
 use super::*;
 use crate::registration::Freedom;
-use crate::scenes::{ROOM, cloud, sheets};
+use crate::scenes::{PARALLEL, ROOM, cloud, sheets};
 use agv_core::geometry::{PoseSigma, So3};
 use agv_core::roles::laws;
 use agv_core::sensors::PointCloud;
@@ -60,6 +60,34 @@ fn a_single_wall_is_degenerate_and_the_plane_holds_the_rest() {
     icp.set_target(&target).unwrap();
     let found = icp.align(&source, &Se3::from_parts(Vector3::z() * 0.02, So3::default())).unwrap();
     assert!((found.target_from_source.translation() - Vector3::new(0.2, -0.1, 0.02)).norm() < 0.02, "{found:?}");
+}
+
+#[test]
+fn a_poor_fit_is_not_taken_for_a_degenerate_one() {
+    let wall = cloud(&sheets(&PARALLEL[..1], 20.0, 1), &Se3::identity());
+    let walls = cloud(&sheets(&PARALLEL, 15.0, 2), &Se3::identity());
+    for metric in [PointMetric::PointToPlane, PointMetric::Generalized] {
+        let mut icp = registration(metric);
+        icp.set_target(&wall).unwrap();
+        let found = icp.align(&walls, &Se3::identity()).unwrap();
+        assert!(found.inlier_ratio < 0.5 && found.unobserved.trace() > 0.5, "{metric:?} {found:?}");
+        assert_eq!(found.termination, Termination::PoorFit, "{metric:?} {found:?}");
+    }
+}
+
+/// Points too far apart for normals, and each off by 70 cm in a way that no pose mends.
+#[test]
+fn pairs_without_normals_are_inliers_by_their_distance() {
+    let grid = (0..25).map(|i| Vector3::new(5.0 * f64::from(i % 5), 5.0 * f64::from(i / 5), f64::from(i * 7 % 5)));
+    let grid: Vec<_> = grid.map(|p| p + Vector3::repeat(0.5)).collect();
+    let sign = |i: usize| if i.is_multiple_of(2) { 1.0 } else { -1.0 };
+    let off: Vec<_> = grid.iter().enumerate().map(|(i, p)| p + Vector3::new(0.5, 0.5, 0.0) * sign(i)).collect();
+    for metric in METRICS {
+        let mut icp = registration(metric);
+        icp.set_target(&cloud(&grid, &Se3::identity())).unwrap();
+        let found = icp.align(&cloud(&off, &Se3::identity()), &Se3::identity()).unwrap();
+        assert!(found.inlier_ratio < 0.1 && !found.converged(), "{metric:?} {found:?}");
+    }
 }
 
 #[test]
