@@ -47,7 +47,9 @@ impl References {
             for line in input.data_lines() {
                 let (number, line) = line?;
                 let values: Vec<f64> = line.split(',').map_while(|field| field.trim().parse().ok()).collect();
-                let wrong = || format!("{}:{number}: not a scan's number, its time and the 12 numbers of a pose", path.display());
+                let wrong = || {
+                    format!("{}:{number}: not a scan's number, its time and the 12 numbers of a pose", path.display())
+                };
                 let [index, seconds, rows @ ..] = values.as_slice() else { return Err(wrong().into()) };
                 let rows: [f64; 12] = rows.try_into().map_err(|_| wrong())?;
                 let pose = trajectory::pose_from_rows(&rows).ok_or_else(wrong)?;

@@ -59,7 +59,9 @@ impl Method {
                     Target::Both => LoamTarget::LastCloudThenMap,
                 };
                 let solve = if args.two_step { LoamSolve::TwoStep } else { LoamSolve::Joint };
-                Box::new(LoamOdometry::new(LoamParams { target, solve, ..LoamParams::default() })?.with_parallelism(par))
+                Box::new(
+                    LoamOdometry::new(LoamParams { target, solve, ..LoamParams::default() })?.with_parallelism(par),
+                )
             }
         })
     }

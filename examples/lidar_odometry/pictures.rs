@@ -17,9 +17,8 @@ const LEAF: f32 = 0.1;
 
 /// Writes `trajectory.tum`, `trajectory.kitti` and `map.png`, all in the frame of the first scan.
 pub(crate) fn write(drive: &Drive, poses: &[Se3], folder: &Path) -> Result<()> {
-    let stamped: Vec<_> = std::iter::zip(&drive.scans, poses)
-        .map(|(scan, &pose)| StampedPose { stamp: scan.stamp(), pose })
-        .collect();
+    let stamped: Vec<_> =
+        std::iter::zip(&drive.scans, poses).map(|(scan, &pose)| StampedPose { stamp: scan.stamp(), pose }).collect();
     write_tum(folder.join("trajectory.tum"), &stamped)?;
     write_kitti(folder.join("trajectory.kitti"), poses)?;
 

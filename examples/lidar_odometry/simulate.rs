@@ -34,7 +34,8 @@ pub(crate) fn drive(args: &Args) -> Result<Drive> {
     let (first, second) = (factory.aisles()[1], factory.aisles()[2]);
     let along = factory.aisle_length();
     let end = |start: agv_nav::core::geometry::Se2, length: f64| start.translation() + Vector2::new(length, 0.0);
-    let way = [end(first, along), end(first, along + 1.5), end(second, along + 1.5), end(second, along), end(second, 0.0)];
+    let way =
+        [end(first, along), end(first, along + 1.5), end(second, along + 1.5), end(second, along), end(second, 0.0)];
     let lidar = match args.lines {
         Lines::L16 => LidarParams::vlp16(),
         Lines::L32 => LidarParams::hdl32(),

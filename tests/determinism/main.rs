@@ -6,6 +6,7 @@
 
 mod digest;
 mod grids;
+mod lidar_odometry;
 mod local_planning;
 mod localization;
 mod particle_models;

@@ -68,7 +68,8 @@ impl Aligner {
         let (mut pose, mut iterations) = (*guess, 0);
         // The coarsest level that is needed is the first to reach three sigma.
         let reach = 3.0 * sigma;
-        let start = (0..LocalMap::COARSEST).find(|&level| map.level(level).reach() >= reach).unwrap_or(LocalMap::COARSEST);
+        let start =
+            (0..LocalMap::COARSEST).find(|&level| map.level(level).reach() >= reach).unwrap_or(LocalMap::COARSEST);
         for level in (1..=start).rev() {
             choose(features, COARSE_SURFACES, 0, &mut self.matches);
             let spacing = map.level(level).spacing();
@@ -91,7 +92,11 @@ impl Aligner {
         }
         let (mut found, more) = self.rounds(&pose, map, params, solve, &Matrix6::identity(), par);
         iterations += more;
-        let mut fit = self.objective(Selection::All, params.kernel, par).fit(&found.pose, params.inlier_distance, params.min_facing_share);
+        let mut fit = self.objective(Selection::All, params.kernel, par).fit(
+            &found.pose,
+            params.inlier_distance,
+            params.min_facing_share,
+        );
         let held = fit.unobserved;
         if held.trace() > 0.5 {
             // What is known of the pose is kept, and the guess's place along the rest (Zhang, Kaess and Singh 2016).
@@ -100,7 +105,11 @@ impl Aligner {
             let (again, more) = self.rounds(&start, map, params, LoamSolve::Joint, &keep, par);
             iterations += more;
             found = again;
-            let refit = self.objective(Selection::All, params.kernel, par).fit(&found.pose, params.inlier_distance, params.min_facing_share);
+            let refit = self.objective(Selection::All, params.kernel, par).fit(
+                &found.pose,
+                params.inlier_distance,
+                params.min_facing_share,
+            );
             fit = MatchFit { unobserved: held, ..refit };
         }
         Aligned { alignment: self.conclude(found, fit, iterations, guess, params, par), agreement: fit.agreement }
@@ -153,7 +162,8 @@ impl Aligner {
             let step = found.pose.minus(&pose);
             pose = found.pose;
             let (line, turn) = (step.fixed_rows::<3>(0).norm(), step.fixed_rows::<3>(3).norm());
-            let at_rest = line <= 2.0 * params.descent.translation_tolerance && turn <= 2.0 * params.descent.rotation_tolerance;
+            let at_rest =
+                line <= 2.0 * params.descent.translation_tolerance && turn <= 2.0 * params.descent.rotation_tolerance;
             let hopeless = matches!(found.termination, Termination::TooFewPoints | Termination::Degenerate);
             if hopeless || (at_rest && kernel <= params.kernel) || round + 1 >= params.max_rounds {
                 // That the matches changed to the end is no reason to distrust a pose that hardly moves.
@@ -198,7 +208,9 @@ impl Aligner {
             return lost;
         }
         let mut result = Alignment::unknown(found.pose, found.termination);
-        if found.termination == Termination::Converged && (fit.agreement < params.min_agreement || fit.inlier_ratio < LEAST) {
+        if found.termination == Termination::Converged
+            && (fit.agreement < params.min_agreement || fit.inlier_ratio < LEAST)
+        {
             result.termination = Termination::PoorFit;
         }
         result.iterations = iterations;

@@ -82,7 +82,11 @@ fn reject(line: &[LinePoint], range_sigma: f32, out: &mut [(f32, Shape)]) {
             // The range ends within the line. The first point is the rim's shadow, the others its neighbourhood.
             out[hidden].iter_mut().for_each(|(_, shape)| *shape = Shape::None);
             // And a flat neighbourhood does not reach across the rim.
-            let near = if jump > 0.0 { (at + 1).saturating_sub(SIDE)..at + 1 } else { at + 1..(at + 1 + SIDE).min(line.len()) };
+            let near = if jump > 0.0 {
+                (at + 1).saturating_sub(SIDE)..at + 1
+            } else {
+                at + 1..(at + 1 + SIDE).min(line.len())
+            };
             for (_, shape) in &mut out[near] {
                 if *shape == Shape::Flat {
                     *shape = Shape::None;
@@ -106,7 +110,10 @@ mod tests {
 
     /// A line that looks from the origin at what has this range at an azimuth.
     fn look(step: f32, range: impl Fn(f32) -> f32) -> Vec<LinePoint> {
-        (-100..=100_i16).map(|i| f32::from(i) * step).map(|azimuth| LinePoint { azimuth, range: range(azimuth) }).collect()
+        (-100..=100_i16)
+            .map(|i| f32::from(i) * step)
+            .map(|azimuth| LinePoint { azimuth, range: range(azimuth) })
+            .collect()
     }
 
     fn shapes(line: &[LinePoint]) -> Vec<(f32, Shape)> {

@@ -167,7 +167,8 @@ impl FeatureExtractor {
             return self.neighbourhoods.extract_into(cloud, &self.params, par, out);
         }
         let returns = self.rings.iter().enumerate();
-        let returns = returns.map(|(i, &ring)| LidarReturn { position: cloud.point(i), ring, ..LidarReturn::default() });
+        let returns =
+            returns.map(|(i, &ring)| LidarReturn { position: cloud.point(i), ring, ..LidarReturn::default() });
         let mut lined = std::mem::take(&mut self.lined);
         lined.refill(cloud.stamp(), returns);
         let done = self.extract_lines(&lined, cloud, par, out);
@@ -176,7 +177,13 @@ impl FeatureExtractor {
     }
 
     /// By the lines of `lined`, which is `cloud` with rings.
-    fn extract_lines(&mut self, lined: &PointCloud, cloud: &PointCloud, par: Par, out: &mut Features) -> Result<(), Error> {
+    fn extract_lines(
+        &mut self,
+        lined: &PointCloud,
+        cloud: &PointCloud,
+        par: Par,
+        out: &mut Features,
+    ) -> Result<(), Error> {
         let ring = lined.ring().unwrap_or_default();
         // What is marked as off all lines is not a line.
         let rows = usize::from(ring.iter().copied().filter(|ring| *ring != u16::MAX).max().unwrap_or(0)) + 1;
@@ -263,7 +270,10 @@ impl Line {
             chosen.push(self.index[at]);
             taken += 1;
             let around = at.saturating_sub(SIDE)..(at + SIDE + 1).min(self.shapes.len());
-            self.shapes[around].iter_mut().filter(|(_, other)| *other == shape).for_each(|(_, other)| *other = Shape::None);
+            self.shapes[around]
+                .iter_mut()
+                .filter(|(_, other)| *other == shape)
+                .for_each(|(_, other)| *other = Shape::None);
         }
     }
 }

@@ -22,7 +22,9 @@ pub(super) fn plane(offsets: &[Vector3<f32>; POINTS], tolerance: f64) -> Option<
     let (mean, eigen) = spread(offsets);
     let flat = eigen.values[0] <= tolerance * tolerance * POINTS as f64;
     // Noise alone gives the points of one laser line about a hundredth.
-    let wide = eigen.values[1] > 1e-9 && eigen.values[1] >= 0.04 * eigen.values[2] && eigen.values[0] <= 0.25 * eigen.values[1];
+    let wide = eigen.values[1] > 1e-9
+        && eigen.values[1] >= 0.04 * eigen.values[2]
+        && eigen.values[0] <= 0.25 * eigen.values[1];
     let direction = eigen.vectors.column(0).into_owned();
     (flat && wide).then(|| Surface { offset: mean, fixed: direction * direction.transpose(), direction })
 }
@@ -63,7 +65,8 @@ mod tests {
         let edge = line(&thin, 0.02).unwrap();
         assert!(edge.direction.z.abs() > 0.999 && plane(&thin, 0.02).is_none());
         assert!((edge.fixed * edge.direction).norm() < 1e-12);
-        let scattered = points([[0.1, 0.2, 0.1], [-0.2, 0.1, 0.3], [0.3, -0.2, -0.2], [-0.1, -0.1, -0.3], [0.2, 0.1, 0.4]]);
+        let scattered =
+            points([[0.1, 0.2, 0.1], [-0.2, 0.1, 0.3], [0.3, -0.2, -0.2], [-0.1, -0.1, -0.3], [0.2, 0.1, 0.4]]);
         assert!(plane(&scattered, 0.02).is_none() && line(&scattered, 0.02).is_none());
         let heap = [Vector3::new(0.1, 0.1, 0.1); POINTS];
         assert!(plane(&heap, 0.02).is_none_or(|surface| surface.fixed.iter().all(|v| v.is_finite())));

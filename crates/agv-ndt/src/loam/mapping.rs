@@ -126,7 +126,12 @@ pub(super) struct PlacedFeatures {
 
 impl PlacedFeatures {
     /// Takes features of a sensor mounted at `base_from_sensor` that saw them while the base moved by `motion` a second.
-    pub(super) fn rebuild(&mut self, features: &Features, base_from_sensor: &Se3, motion: Option<&nalgebra::Vector6<f64>>) {
+    pub(super) fn rebuild(
+        &mut self,
+        features: &Features,
+        base_from_sensor: &Se3,
+        motion: Option<&nalgebra::Vector6<f64>>,
+    ) {
         let mut last = (0.0_f32, *base_from_sensor);
         let mut place = |feature: &super::Feature| {
             if let Some(motion) = motion.filter(|_| feature.time != last.0) {

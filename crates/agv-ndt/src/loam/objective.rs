@@ -11,7 +11,7 @@
 use super::fit::{self, POINTS};
 use super::mapping::{LocalMap, PlacedFeatures};
 use crate::odometry::PointMap;
-use crate::registration::{Facing, Objective, PointDerivatives, Quadratic, quadratic::MotionSums};
+use crate::registration::{Facing, MotionSums, Objective, PointDerivatives, Quadratic};
 use agv_core::{
     compute::{CHUNK, Par},
     geometry::{LieGroup, Se3},
@@ -145,8 +145,7 @@ impl MatchObjective<'_> {
             }
             (facing, inliers, square_sum)
         };
-        let sums =
-            self.par.map_reduce(self.chunks(), chunk, |(a, n, s), (b, m, t)| (a.merged(b), n + m, s + t));
+        let sums = self.par.map_reduce(self.chunks(), chunk, |(a, n, s), (b, m, t)| (a.merged(b), n + m, s + t));
         let (facing, inliers, square_sum) = sums.unwrap_or_default();
         MatchFit {
             agreement: inliers as f64 / self.count().max(1) as f64,
@@ -198,6 +197,6 @@ impl Objective for MatchObjective<'_> {
             }
             sums
         };
-        self.par.map_reduce(self.chunks(), chunk, MotionSums::merged).unwrap_or_default().quadratic(pose, 0.0)
+        self.par.map_reduce(self.chunks(), chunk, MotionSums::merged).unwrap_or_default().quadratic(pose)
     }
 }

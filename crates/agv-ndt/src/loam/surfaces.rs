@@ -88,7 +88,8 @@ fn kind_of(cloud: &PointCloud, tree: &KdTree, at: &Vector3<f32>, reach: f32) -> 
     }
     let offset = |neighbour: &Neighbour| (cloud.point(neighbour.index as usize) - at).cast::<f64>();
     let mean = near[..count].iter().map(offset).sum::<Vector3<f64>>() / count as f64;
-    let scatter: Matrix3<f64> = near[..count].iter().map(|n| offset(n) - mean).map(|d: Vector3<f64>| d * d.transpose()).sum();
+    let scatter: Matrix3<f64> =
+        near[..count].iter().map(|n| offset(n) - mean).map(|d: Vector3<f64>| d * d.transpose()).sum();
     let [least, middle, greatest] = SymmetricEigen::new(&scatter).values.into();
     if middle < 0.1 * greatest {
         return Kind::Edge;

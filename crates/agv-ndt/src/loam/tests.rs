@@ -149,7 +149,8 @@ fn drive(lines: LidarParams, steps: u32) -> Vec<(PointCloud, Se3)> {
     for step in 0..steps {
         let turn = if step % 100 < 50 { 0.15 } else { -0.15 };
         let observed = simulator.step(&Twist2::new(1.5, 0.0, turn)).unwrap();
-        let clouds = observed.clouds().map(|(cloud, truth)| (cloud.clone(), start_from(&start.into(), &truth.map_from_base)));
+        let clouds =
+            observed.clouds().map(|(cloud, truth)| (cloud.clone(), start_from(&start.into(), &truth.map_from_base)));
         seen.extend(clouds.collect::<Vec<_>>());
     }
     seen

@@ -101,7 +101,8 @@ mod tests {
 
     #[test]
     fn points_without_lines_have_none() {
-        let scattered = (0..5000_u16).map(|i| Vector3::new(5.0, f32::from(i % 71) * 0.1, f32::from(i % 997) * 0.004 - 2.0));
+        let scattered =
+            (0..5000_u16).map(|i| Vector3::new(5.0, f32::from(i % 71) * 0.1, f32::from(i % 997) * 0.004 - 2.0));
         assert_eq!(find(scattered), (0, vec![]));
         assert_eq!(find([]), (0, vec![]));
         assert_eq!(find([Vector3::repeat(f32::NAN), Vector3::zeros()]), (0, vec![]));
