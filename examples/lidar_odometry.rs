@@ -78,29 +78,6 @@ fn run(args: &Args) -> Result<()> {
     let progress = Progress::new(drive.scans.len(), "following");
     for scan in progress.over(&drive.scans) {
         let step = times.time(|| method.process(scan, None))?;
-        if std::env::var_os("DBG").is_some() {
-            if let Some(a) = step.alignment {
-                {
-                    use agv_nav::core::geometry::LieGroup;
-                    let n = poses.len();
-                    let e =
-                        drive.truth[0].unwrap().between(&drive.truth[n].unwrap()).between(&a.target_from_source).log();
-                    let m = if n > 0 { drive.truth[n - 1].unwrap().between(&drive.truth[n].unwrap()).log() } else { e };
-                    eprint!(
-                        "err {:.3} {:.3} {:.3} | {:.4} {:.4} {:.4} move {:.3} {:.3} {:.3}  ",
-                        e[0], e[1], e[2], e[3], e[4], e[5], m[0], m[1], m[5]
-                    );
-                }
-                eprintln!(
-                    "{:?} it {} inl {:.2} unob {:.1} score {:.5}",
-                    a.termination,
-                    a.iterations,
-                    a.inlier_ratio,
-                    a.unobserved.trace(),
-                    a.score
-                );
-            }
-        }
         unmatched += usize::from(step.alignment.is_some_and(|alignment| !alignment.converged()));
         poses.push(step.odom_from_base);
     }
@@ -110,6 +87,7 @@ fn run(args: &Args) -> Result<()> {
     let mut report = Report::new("Lidar odometry");
     report.text("method", args.method.name());
     report.count("scans", poses.len()).count("unmatched", unmatched);
+    report.number("scan_ms_min", times.milliseconds(0.0));
     report.number("scan_ms_p50", times.milliseconds(50.0)).number("scan_ms_p99", times.milliseconds(99.0));
     judge::errors(&drive, &poses, &mut report)?;
     report.print(args.common.json)?;

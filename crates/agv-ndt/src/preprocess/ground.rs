@@ -236,7 +236,8 @@ mod tests {
         };
         filter.by_slope_into(cloud, &image, &mut marked);
         let (right, found) = shares(&marked);
-        assert!(right > 0.9 && found > 0.8, "{right} {found}");
+        // Floor that is seen between racks has no floor on the next line.
+        assert!(right > 0.95 && found > 0.7, "{right} {found}");
         let plane = filter.by_plane_into(cloud, &mut marked).unwrap();
         let (right, found) = shares(&marked);
         assert!(right > 0.9 && found > 0.95, "{right} {found}");
