@@ -241,7 +241,7 @@ impl NdtRegistration {
             }
         }
         // There is a finest level, so that this is not reached.
-        Outcome::lost(Alignment::unknown(*guess, Termination::TooFewPoints))
+        Outcome::lost(guess, iterations)
     }
 }
 
@@ -254,7 +254,10 @@ struct Outcome {
 }
 
 impl Outcome {
-    fn lost(result: Alignment<Se3>) -> Self {
+    /// Nothing was there to be met.
+    fn lost(pose: &Se3, iterations: usize) -> Self {
+        let mut result = Alignment::unknown(*pose, Termination::TooFewPoints);
+        result.iterations = iterations;
         Self { result, report: NdtReport::default(), still_free: false }
     }
 }
@@ -268,16 +271,13 @@ fn conclude(
     [free, held]: [&Matrix6<f64>; 2],
 ) -> Outcome {
     let Descent { pose, mut termination, .. } = *found;
-    let mut result = Alignment::unknown(pose, termination);
-    result.iterations = iterations;
     // The last step may not have been evaluated; and Gauss and Newton's matrix is what an information may be: positive
     // semi-definite.
     objective.curvature = 0.0;
     let last = objective.evaluate(&pose);
     let points = objective.source.len().max(1) as f64;
     if last.matches == 0 || termination == Termination::TooFewPoints {
-        result.termination = Termination::TooFewPoints;
-        return Outcome::lost(result);
+        return Outcome::lost(&pose, iterations);
     }
     let Fit { inlier_ratio, nearest_likelihood, unobserved } = objective.fit(&pose, params.min_facing_share, free);
     let report = NdtReport {
@@ -297,10 +297,11 @@ fn conclude(
             termination = Termination::Degenerate;
         }
     }
+    let mut result = Alignment::unknown(pose, termination);
+    result.iterations = iterations;
     result.unobserved = unobserved + (Matrix6::identity() - free);
     result.information = observed_information::<Se3>(&last.hessian, &result.unobserved);
-    (result.score, result.inlier_ratio, result.termination) =
-        (report.transformation_probability, inlier_ratio, termination);
+    (result.score, result.inlier_ratio) = (report.transformation_probability, inlier_ratio);
     Outcome { result, report, still_free }
 }
 
