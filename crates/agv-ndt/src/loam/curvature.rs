@@ -43,7 +43,7 @@ pub(super) struct CurvatureParams {
 }
 
 /// Writes `c / δ` and shape of each point of a line; linear in the points.
-pub(super) fn shapes_into(line: &[LinePoint], params: &CurvatureParams, out: &mut Vec<(f32, Shape)>) {
+pub(super) fn shapes_into(line: &[LinePoint], params: CurvatureParams, out: &mut Vec<(f32, Shape)>) {
     out.clear();
     out.resize(line.len(), (0.0, Shape::None));
     let count = 2.0 * SIDE as f32;
@@ -118,7 +118,7 @@ mod tests {
 
     fn shapes(line: &[LinePoint]) -> Vec<(f32, Shape)> {
         let mut out = Vec::new();
-        shapes_into(line, &PARAMS, &mut out);
+        shapes_into(line, PARAMS, &mut out);
         out
     }
 

@@ -196,7 +196,9 @@ impl FeatureExtractor {
         let (image, params) = (&*image, &self.params);
         self.lines.resize_with(image.rows().max(self.lines.len()), Line::default);
         par.for_each_chunk(self.lines.as_mut_slice(), 1, |row, lines| {
-            lines.iter_mut().for_each(|line| line.rebuild(image, row, params));
+            for line in lines {
+                line.rebuild(image, row, params);
+            }
         });
         let feature = |&index: &u32| {
             let index = index as usize;
@@ -227,7 +229,7 @@ impl Line {
             }
         }
         let bends = CurvatureParams { edge_bend: params.edge_bend as f32, range_sigma: params.range_sigma as f32 };
-        shapes_into(&self.points, &bends, &mut self.shapes);
+        shapes_into(&self.points, bends, &mut self.shapes);
         self.edges.clear();
         self.surfaces.clear();
         for sector in 0..SECTORS {

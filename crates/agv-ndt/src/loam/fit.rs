@@ -41,7 +41,7 @@ pub(super) fn line(offsets: &[Vector3<f32>; POINTS], tolerance: f64) -> Option<S
 }
 
 fn spread(offsets: &[Vector3<f32>; POINTS]) -> (Vector3<f64>, SymmetricEigen) {
-    let offsets = offsets.map(|offset| offset.cast::<f64>());
+    let offsets = offsets.map(nalgebra::Matrix::cast::<f64>);
     let mean = offsets.iter().sum::<Vector3<f64>>() / POINTS as f64;
     let scatter: Matrix3<f64> = offsets.iter().map(|offset| offset - mean).map(|d| d * d.transpose()).sum();
     (mean, SymmetricEigen::new(&scatter))

@@ -149,6 +149,6 @@ impl PlacedFeatures {
     /// Mean distance from the base, in metres.
     pub(super) fn mean_range(&self) -> f64 {
         let count = (self.edges.len() + self.surfaces.len()).max(1);
-        self.edges.iter().chain(&self.surfaces).map(|place| place.norm()).sum::<f64>() / count as f64
+        self.edges.iter().chain(&self.surfaces).map(nalgebra::Matrix::norm).sum::<f64>() / count as f64
     }
 }

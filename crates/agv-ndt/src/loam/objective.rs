@@ -1,6 +1,7 @@
 //! Features and what they are matched with, as a cost over poses.
 //!
-//! A matched point `x` with the place `q` on its plane or line costs, with `F` for what that fixes and Geman and McClure's kernel,
+//! A matched point `x` with the place `q` on its plane or line costs, with `F` for what that fixes and the kernel of Geman and
+//! `McClure`,
 //!
 //! ```text
 //! r² = (x - q)ᵀ F (x - q)         ρ = ½ k² r² / (k² + r²)        w = (k² / (k² + r²))²
@@ -66,7 +67,7 @@ pub(super) fn choose(features: &PlacedFeatures, surfaces: usize, edges: usize, o
 }
 
 /// Matches features at a pose, those that have moved since they were matched.
-pub(super) fn associate(matches: &mut [Match], map: &LocalMap, level: usize, radius: f64, pose: &Se3, par: Par) {
+pub(super) fn associate(matches: &mut [Match], map: &LocalMap, level: usize, pose: &Se3, par: Par) {
     let (planes, lines) = (map.level(level), map.edges());
     let still = STILL * planes.spacing();
     par.for_each_chunk(matches, CHUNK, |_, matches| {
@@ -76,7 +77,7 @@ pub(super) fn associate(matches: &mut [Match], map: &LocalMap, level: usize, rad
                 continue;
             }
             item.matched_at = x;
-            let nearest = |points: &PointMap| points.nearest::<POINTS>(&x, radius);
+            let nearest = |points: &PointMap| points.nearest::<POINTS>(&x, points.reach());
             let surface = if item.is_edge {
                 nearest(lines).and_then(|near| fit::line(&near, 0.2 * lines.spacing()))
             } else {

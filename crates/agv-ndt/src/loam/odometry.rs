@@ -74,7 +74,7 @@ impl LoamOdometry {
             extractor: FeatureExtractor::new(params.features)?,
             features: Features::default(),
             placed: PlacedFeatures::default(),
-            aligner: Aligner::default(),
+            aligner: Aligner::new(params),
             map: LocalMap::new(params.map)?,
             last: LocalMap::new(params.map)?,
             prior: None,
@@ -88,6 +88,7 @@ impl LoamOdometry {
     #[must_use]
     pub const fn with_parallelism(mut self, par: Par) -> Self {
         self.par = par;
+        self.aligner.spread_over(par);
         self
     }
 
@@ -122,11 +123,11 @@ impl LoamOdometry {
 
     /// The pose of the base, which was at `origin` and moved by `motion`, give or take `sigma` metres at the features.
     fn track(&mut self, origin: &Se3, motion: &Se3, sigma: f64) -> Aligned {
-        let Self { params, placed, aligner, map, last, par, .. } = self;
+        let Self { params, placed, aligner, map, last, .. } = self;
         let mut guess = origin.compose(motion);
         let (mut sigma, mut solve) = (sigma.max(LEAST_SIGMA), params.solve);
         if params.target != LoamTarget::LocalMap {
-            let mut found = aligner.align(placed, last, motion, sigma, params, solve, *par);
+            let mut found = aligner.align(placed, last, motion, sigma, solve);
             let pose = origin.compose(&found.alignment.target_from_source);
             found.alignment.target_from_source = pose;
             if params.target == LoamTarget::LastCloud {
@@ -137,7 +138,7 @@ impl LoamOdometry {
             }
             solve = LoamSolve::Joint;
         }
-        aligner.align(placed, map, &guess, sigma, params, solve, *par)
+        aligner.align(placed, map, &guess, sigma, solve)
     }
 
     /// Takes the features into the maps.

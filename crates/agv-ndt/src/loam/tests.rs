@@ -39,7 +39,7 @@ fn the_laws_of_lidar_odometry_hold() {
 
 #[test]
 fn a_walk_in_a_room_is_followed_with_every_target_and_solve() {
-    let poses: Vec<_> = (0..12).map(|i| f64::from(i)).map(|i| shift(0.15 * i, 0.05 * i, 0.06 * i)).collect();
+    let poses: Vec<_> = (0..12).map(f64::from).map(|i| shift(0.15 * i, 0.05 * i, 0.06 * i)).collect();
     for (target, solve, bound) in [
         (LoamTarget::LocalMap, LoamSolve::Joint, 0.01),
         (LoamTarget::LastCloudThenMap, LoamSolve::Joint, 0.01),

@@ -200,7 +200,7 @@ mod tests {
         cloud(&sheets(&ROOM, 60.0, draw), pose)
     }
 
-    fn check(registration: impl Registration + Clone, bound: f64) {
+    fn check(registration: &(impl Registration + Clone), bound: f64) {
         let params = FollowParams { source_leaf: 0.25, ..FollowParams::default() };
         let follow = || Follow::new(registration.clone(), params).unwrap();
         let step = |i: u32| Se3::from(Se2::new(0.15, 0.05, 0.06)).log() * f64::from(i);
@@ -215,10 +215,10 @@ mod tests {
 
     #[test]
     fn every_registration_follows_and_keeps_the_laws() {
-        check(PointRegistration::new(PointParams::default()).unwrap(), 0.02);
+        check(&PointRegistration::new(PointParams::default()).unwrap(), 0.02);
         let plane = PointParams { metric: PointMetric::PointToPlane, ..PointParams::default() };
-        check(PointRegistration::new(plane).unwrap(), 0.02);
-        check(NdtRegistration::new(NdtParams::default()).unwrap(), 0.02);
+        check(&PointRegistration::new(plane).unwrap(), 0.02);
+        check(&NdtRegistration::new(NdtParams::default()).unwrap(), 0.02);
     }
 
     #[test]

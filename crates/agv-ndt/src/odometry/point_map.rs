@@ -236,7 +236,9 @@ mod tests {
         ) {
             let shift = Vector3::repeat(shift);
             let mut map = PointMap::new(0.25).unwrap();
-            points.iter().for_each(|point| map.insert(&(Vector3::from(*point) + shift)));
+            for point in &points {
+                map.insert(&(Vector3::from(*point) + shift));
+            }
             let query = Vector3::from(query) + shift;
             let mut all: Vec<f64> = map.points().map(|p| (p - query).norm()).collect();
             all.sort_by(f64::total_cmp);
