@@ -187,8 +187,8 @@ impl FeatureExtractor {
         let ring = lined.ring().unwrap_or_default();
         // What is marked as off all lines is not a line.
         let rows = usize::from(ring.iter().copied().filter(|ring| *ring != u16::MAX).max().unwrap_or(0)) + 1;
-        if self.image.as_ref().is_none_or(|image| image.rows() < rows) {
-            let columns = COLUMNS.min(RangeImage::MAX_CELLS / rows);
+        let columns = COLUMNS.min(RangeImage::MAX_CELLS / rows);
+        if self.image.as_ref().is_none_or(|image| image.rows() < rows || image.columns() != columns) {
             self.image = Some(RangeImage::new(RangeImageParams { rows, columns, row_source: RowSource::Ring })?);
         }
         let Some(image) = &mut self.image else { return Ok(()) };

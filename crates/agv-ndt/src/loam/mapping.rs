@@ -140,10 +140,12 @@ impl PlacedFeatures {
             }
             last.1.act(&feature.position.cast())
         };
+        // A time that is absurd puts a feature nowhere.
+        let somewhere = |place: &Vector3<f64>| place.iter().all(|v| v.is_finite());
         self.edges.clear();
-        self.edges.extend(features.edges.iter().map(&mut place));
+        self.edges.extend(features.edges.iter().map(&mut place).filter(somewhere));
         self.surfaces.clear();
-        self.surfaces.extend(features.surfaces.iter().map(&mut place));
+        self.surfaces.extend(features.surfaces.iter().map(&mut place).filter(somewhere));
     }
 
     /// Mean distance from the base, in metres.

@@ -55,8 +55,10 @@ pub struct LoamOdometry {
     placed: PlacedFeatures,
     aligner: Aligner,
     map: LocalMap,
-    /// The last cloud's features in the base frame of that time; empty unless they are asked for.
+    /// The features of the last cloud that fitted, in the base frame of that time; empty unless they are asked for.
     last: LocalMap,
+    /// Pose of the base at that time.
+    last_pose: Se3,
     prior: Option<MotionPrior>,
     /// Clouds in a row that fitted nowhere.
     lost: usize,
@@ -77,6 +79,7 @@ impl LoamOdometry {
             aligner: Aligner::new(params),
             map: LocalMap::new(params.map)?,
             last: LocalMap::new(params.map)?,
+            last_pose: Se3::identity(),
             prior: None,
             lost: 0,
             par: Par::Seq,
@@ -123,12 +126,12 @@ impl LoamOdometry {
 
     /// The pose of the base, which was at `origin` and moved by `motion`, give or take `sigma` metres at the features.
     fn track(&mut self, origin: &Se3, motion: &Se3, sigma: f64) -> Aligned {
-        let Self { params, placed, aligner, map, last, .. } = self;
+        let Self { params, placed, aligner, map, last, last_pose, .. } = self;
         let mut guess = origin.compose(motion);
         let (mut sigma, mut solve) = (sigma.max(LEAST_SIGMA), params.solve);
         if params.target != LoamTarget::LocalMap {
-            let mut found = aligner.align(placed, last, motion, sigma, solve);
-            let pose = origin.compose(&found.alignment.target_from_source);
+            let mut found = aligner.align(placed, last, &last_pose.between(&guess), sigma, solve);
+            let pose = last_pose.compose(&found.alignment.target_from_source);
             found.alignment.target_from_source = pose;
             if params.target == LoamTarget::LastCloud {
                 return found;
@@ -150,6 +153,7 @@ impl LoamOdometry {
         }
         self.last.clear();
         self.last.insert(&self.placed, &Se3::identity());
+        self.last_pose = *pose;
     }
 
     fn begin(&mut self, cloud: &PointCloud, stamp: Stamp) -> LidarOdometryStep {
@@ -171,8 +175,10 @@ impl LidarOdometry for LoamOdometry {
         let Some(mut state) = self.prior else { return Ok(self.begin(cloud, stamp)) };
         let seconds = state.seconds_to(stamp);
         let predicted = prior.copied().unwrap_or_else(|| state.motion_until(stamp));
+        let (origin, sigma) = (state.pose(), state.sigma());
+        check::all_finite("predicted position", origin.compose(&predicted).translation().iter())?;
         self.place(cloud, &predicted, seconds);
-        let (origin, sigma, range) = (state.pose(), state.sigma(), self.placed.mean_range());
+        let range = self.placed.mean_range();
         let mut found = self.track(&origin, &predicted, sigma);
         // The prediction may be worse than it has been, or what is wrong.
         let wide = self.params.initial_sigma.max(sigma);
@@ -208,7 +214,7 @@ impl LidarOdometry for LoamOdometry {
                 self.map.clear();
             }
         }
-        if found.converged() || self.map.is_empty() && self.last.is_empty() || self.lost >= GIVE_UP {
+        if found.converged() || (self.map.is_empty() && self.last.is_empty()) || self.lost >= GIVE_UP {
             self.remember(&pose);
         }
         state.advance(stamp, &pose);

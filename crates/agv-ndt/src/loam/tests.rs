@@ -95,6 +95,7 @@ fn clouds_that_fit_nowhere_are_an_outcome_and_in_the_end_a_new_beginning() {
         PointCloud::from_points([Vector3::repeat(3e38); 40]),
     ] {
         let step = odometry.process(&bad, None).unwrap();
+        assert!((step.odom_from_base.translation()).norm() < 1e-9);
         let alignment = step.alignment.unwrap();
         assert!(!alignment.converged() && alignment.target_from_source.is_finite() && step.odom_from_base.is_finite());
         assert!(alignment.information.iter().all(|v| v.is_finite()));
@@ -135,6 +136,46 @@ fn bad_parameters_and_priors_are_named() {
     let mut odometry = odometry(good);
     let nowhere = Se3::from_parts(Vector3::new(0.0, f64::NAN, 0.0), So3::default());
     assert!(odometry.process(&PointCloud::default(), Some(&nowhere)).is_err());
+    // Far, and too far.
+    let far = Se3::from_parts(Vector3::new(1e308, 0.0, 0.0), So3::default());
+    odometry.process(&PointCloud::default(), None).unwrap();
+    assert!(odometry.process(&PointCloud::default(), Some(&far)).unwrap().odom_from_base.is_finite());
+    assert!(odometry.process(&PointCloud::default(), Some(&far)).is_err());
+}
+
+#[test]
+fn a_cloud_that_is_skipped_does_not_lose_the_last_one() {
+    let mut odometry = odometry(LoamParams { target: LoamTarget::LastCloud, ..LoamParams::default() });
+    let seen = |i: u32| cloud(&sheets(&ROOM, 60.0, i), &shift(0.1 * f64::from(i), 0.0, 0.0));
+    for i in 0..3 {
+        odometry.process(&seen(i), None).unwrap();
+    }
+    let lost = odometry.process(&PointCloud::default(), None).unwrap();
+    assert!((lost.odom_from_base.translation().x - 0.3).abs() < 0.03, "goes on as it went");
+    let found = odometry.process(&seen(4), None).unwrap();
+    assert!(found.alignment.unwrap().converged() && (found.odom_from_base.translation().x - 0.4).abs() < 0.03);
+}
+
+#[test]
+fn rings_and_times_of_nonsense_are_survived() {
+    let (good, _) = drive(LidarParams::vlp16(), 6).remove(0);
+    let bare = || PointCloud::new(good.x().to_vec(), good.y().to_vec(), good.z().to_vec()).unwrap();
+    let mut extractor = FeatureExtractor::new(FeatureParams::default()).unwrap();
+    let (mut before, mut after, mut out) = (Features::default(), Features::default(), Features::default());
+    extractor.extract_into(&good, Par::Seq, &mut before).unwrap();
+    let wild = bare().with_ring((0..good.len()).map(|i| (i * 7919 % 65_536) as u16).collect()).unwrap();
+    extractor.extract_into(&wild, Par::Seq, &mut out).unwrap();
+    extractor.extract_into(&good, Par::Seq, &mut after).unwrap();
+    assert_eq!(before, after, "as if nothing had been");
+    for time in [f32::NAN, f32::INFINITY, 1e38] {
+        let mut odometry = odometry(LoamParams::default());
+        let cloud = bare().with_ring(good.ring().unwrap().to_vec()).unwrap().with_time(vec![time; good.len()]).unwrap();
+        for (i, stamp) in [0.0, 0.1, 0.2].map(Stamp::from_seconds).into_iter().enumerate() {
+            let prior = shift(0.1, 0.0, 0.1);
+            let step = odometry.process(&cloud.clone().with_stamp(stamp), Some(&prior)).unwrap();
+            assert!(step.odom_from_base.is_finite(), "{time} {i}");
+        }
+    }
 }
 
 /// A 16-line lidar on a vehicle that drives a curve in a factory, skewed as such clouds are.

@@ -164,6 +164,7 @@ impl<R: Registration> LidarOdometry for Follow<R> {
         };
         let (origin, seconds) = (state.pose(), state.seconds_to(stamp));
         let predicted = prior.copied().unwrap_or_else(|| state.motion_until(stamp));
+        check::all_finite("predicted position", origin.compose(&predicted).translation().iter())?;
         self.place(cloud, &predicted, seconds)?;
         let mut found = self.track(&origin.compose(&predicted))?;
         if !found.converged() {
