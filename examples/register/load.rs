@@ -17,12 +17,11 @@ pub(crate) struct Pair {
 
 /// Reads the clouds that the arguments name, or simulates them.
 pub(crate) fn load(args: &Args) -> Result<Pair> {
-    let (target, source, mut truth) = match (&args.target, &args.source) {
-        (Some(target), Some(source)) => (cloud::read(target)?, cloud::read(source)?, None),
-        _ => {
-            let pair = CloudPair::in_factory(LidarParams::hdl32(), args.common.seed())?;
-            (pair.target, pair.source, Some(pair.target_from_source))
-        }
+    let (target, source, mut truth) = if let (Some(target), Some(source)) = (&args.target, &args.source) {
+        (cloud::read(target)?, cloud::read(source)?, None)
+    } else {
+        let pair = CloudPair::in_factory(LidarParams::hdl32(), args.common.seed())?;
+        (pair.target, pair.source, Some(pair.target_from_source))
     };
     if let Some(path) = &args.truth {
         let name = args.pair.as_deref().unwrap_or_default();

@@ -1,6 +1,6 @@
 use super::*;
 use crate::registration::Freedom;
-use crate::scenes::{PARALLEL, ROOM, cloud, sheets};
+use crate::scenes::{ROOM, cloud, sheets};
 use agv_core::geometry::{PoseSigma, So3};
 use agv_core::roles::laws;
 use agv_core::sensors::PointCloud;
@@ -60,17 +60,6 @@ fn a_single_wall_is_degenerate_and_the_plane_holds_the_rest() {
     icp.set_target(&target).unwrap();
     let found = icp.align(&source, &Se3::from_parts(Vector3::z() * 0.02, So3::default())).unwrap();
     assert!((found.target_from_source.translation() - Vector3::new(0.2, -0.1, 0.02)).norm() < 0.02, "{found:?}");
-}
-
-#[test]
-fn a_poor_fit_is_not_taken_for_a_degenerate_one() {
-    let wall = cloud(&sheets(&PARALLEL[..1], 20.0, 1), &Se3::identity());
-    let walls = cloud(&sheets(&PARALLEL, 15.0, 2), &Se3::identity());
-    let mut icp = registration(PointMetric::Generalized);
-    icp.set_target(&wall).unwrap();
-    let found = icp.align(&walls, &Se3::identity()).unwrap();
-    assert!(found.inlier_ratio < 0.5 && found.unobserved.trace() > 0.5, "{found:?}");
-    assert_eq!(found.termination, Termination::PoorFit, "{found:?}");
 }
 
 /// Points too far apart for normals, and each off by 70 cm in a way that no pose mends.
