@@ -1,8 +1,8 @@
-//! A drive through a generated factory: along an aisle, round its end, and back along the next.
+//! A drive through a generated factory: the end of an aisle, round the rack, and back along the next.
 
 use crate::{Args, Result, load::Drive};
 use agv_nav::core::{
-    geometry::{Se3, So3, Twist2, wrap_angle},
+    geometry::{Se2, Se3, So3, Twist2, wrap_angle},
     nalgebra::{Vector2, Vector3},
     sensors::PointCloud,
 };
@@ -19,6 +19,9 @@ pub(crate) enum Lines {
     L64,
 }
 
+/// How much of either aisle is driven, in metres.
+const STRETCH: f64 = 20.0;
+
 /// Speed, in m/s.
 const SPEED: f64 = 2.0;
 
@@ -31,11 +34,10 @@ const STEPS: usize = 3000;
 pub(crate) fn drive(args: &Args) -> Result<Drive> {
     let seed = args.common.seed();
     let factory = Factory::generate(FactoryParams::default(), seed)?;
-    let (first, second) = (factory.aisles()[1], factory.aisles()[2]);
     let along = factory.aisle_length();
-    let end = |start: agv_nav::core::geometry::Se2, length: f64| start.translation() + Vector2::new(length, 0.0);
-    let way =
-        [end(first, along), end(first, along + 1.5), end(second, along + 1.5), end(second, along), end(second, 0.0)];
+    let at = |aisle: usize, x: f64| -> Vector2<f64> { factory.aisles()[aisle].translation() + Vector2::new(x, 0.0) };
+    let start = at(1, along - STRETCH);
+    let way = [at(1, along), at(1, along + 1.5), at(2, along + 1.5), at(2, along), at(2, along - STRETCH)];
     let lidar = match args.lines {
         Lines::L16 => LidarParams::vlp16(),
         Lines::L32 => LidarParams::hdl32(),
@@ -43,7 +45,7 @@ pub(crate) fn drive(args: &Args) -> Result<Drive> {
     };
     let mount = Se3::from_parts(Vector3::new(0.0, 0.0, 1.8), So3::default());
     let lidar = Lidar::new(lidar.with_mount(mount), seed)?.with_parallelism(args.common.par());
-    let vehicle = Vehicle::new(VehicleParams::default(), first, seed)?;
+    let vehicle = Vehicle::new(VehicleParams::default(), Se2::new(start.x, start.y, 0.0), seed)?;
     let mut simulator = Simulator3d::new(factory.world(), vehicle, DT)?.with_lidar(lidar)?;
     let mut drive = Drive { scans: Vec::new(), truth: Vec::new() };
     let mut next = 0;
