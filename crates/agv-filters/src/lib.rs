@@ -18,6 +18,8 @@
 //! [`graph`] holds poses that relations tie together, and corrects them all where a place is met again ([`graph::PoseGraph`],
 //! [`graph::PoseGraphSolver`]), in the plane and in space.
 //!
+//! [`matching`] tells where a laser scan was taken by other scans or a map: [`matching::CorrelativeMatcher`].
+//!
 //! [`tracking`] finds what moves around the vehicle: [`tracking::ObstacleTracker`].
 //!
 //! [`marker`] turns codes and landmarks into poses: [`marker::CodeReader`] locates floor codes in an image,
@@ -35,5 +37,6 @@ pub mod graph;
 pub mod kalman;
 pub mod landmark;
 pub mod marker;
+pub mod matching;
 pub mod particle;
 pub mod tracking;

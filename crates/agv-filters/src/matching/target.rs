@@ -1,0 +1,133 @@
+//! What scans are matched against: points on surfaces, and for every cell near them which one is nearest.
+//!
+//! Distances are those to the points themselves and not to the cells that hold them, so that nothing is lost to the grid but where
+//! two points are about as near.
+
+use super::{params::CorrelativeParams, pyramid::Pyramid};
+use agv_core::{
+    Error, check,
+    geometry::Se2,
+    grid::{Cell, GridLayout},
+};
+use nalgebra::{Matrix2, Vector2};
+
+/// Points of the target, thinned, and look-ups of them.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Target {
+    pub(super) layout: GridLayout,
+    points: Vec<Vector2<f64>>,
+    /// Unit normals of the surfaces at the points; zero where the neighbours are on no line.
+    normals: Vec<Vector2<f64>>,
+    /// Nearest point of each cell, or [`NOTHING`].
+    nearest: Vec<u32>,
+    /// `255 exp(-d² / 2 σ²)` by the distance of a cell's centre.
+    pub(super) pyramid: Pyramid,
+}
+
+const NOTHING: u32 = u32::MAX;
+
+/// Standard deviations beyond which an end point meets nothing.
+pub(super) const REACH: f64 = 3.0;
+
+/// Most cells: some hundred metres each way at 0.05 m. Points farther apart than that are no one place.
+const MAX_CELLS: usize = 1 << 26;
+
+/// Variance across a surface, beside that along it, from which on neighbours are no line.
+const THICKNESS: f64 = 0.1;
+
+impl Target {
+    /// Look-ups for these points, which are finite. O(points and cells).
+    pub(super) fn new(points: &[Vector2<f64>], params: &CorrelativeParams) -> Result<Self, Error> {
+        let points = thinned(points, 0.5 * params.resolution);
+        check::at_least("usable end points of the target", points.len(), params.min_points)?;
+        let reach = REACH * params.sigma;
+        let margin = Vector2::repeat(reach + params.resolution);
+        let least = points.iter().fold(Vector2::repeat(f64::INFINITY), |a, b| a.inf(b)) - margin;
+        let most = points.iter().fold(Vector2::repeat(f64::NEG_INFINITY), |a, b| a.sup(b)) + margin;
+        let cells = ((most - least) / params.resolution).map(f64::ceil);
+        if cells.x * cells.y > MAX_CELLS as f64 {
+            return Err(Error::TooMany { name: "cells of the target", len: usize::MAX, max: MAX_CELLS });
+        }
+        let origin = Se2::new(least.x, least.y, 0.0);
+        let layout = GridLayout::new(cells.x as usize, cells.y as usize, params.resolution, origin)?;
+        let normals = normals(&points, params.normal_radius);
+
+        let mut nearest = vec![NOTHING; layout.len()];
+        let mut squared = vec![(reach * reach) as f32; layout.len()];
+        let around = (reach / params.resolution).ceil() as i32;
+        for (index, point) in points.iter().enumerate() {
+            let Some(middle) = layout.cell_at(point) else { continue };
+            for y in middle.y - around..=middle.y + around {
+                for x in middle.x - around..=middle.x + around {
+                    let cell = Cell::new(x, y);
+                    let Some(place) = layout.index(cell) else { continue };
+                    let distance = (layout.center(cell) - point).norm_squared() as f32;
+                    if distance < squared[place] {
+                        (squared[place], nearest[place]) = (distance, index as u32);
+                    }
+                }
+            }
+        }
+        let scale = -0.5 / (params.sigma * params.sigma);
+        let values = nearest.iter().zip(&squared).map(|(&index, &squared)| {
+            if index == NOTHING { 0 } else { (255.0 * (scale * f64::from(squared)).exp()).round() as u8 }
+        });
+        let pyramid = Pyramid::new(layout.width(), values.collect());
+        Ok(Self { layout, points, normals, nearest, pyramid })
+    }
+
+    /// The point nearest to a place, and the normal of its surface, which is zero if it is on none.
+    #[inline]
+    pub(super) fn nearest(&self, place: &Vector2<f64>) -> Option<(Vector2<f64>, Vector2<f64>)> {
+        let cell = self.layout.cell_at(place)?;
+        let index = *self.nearest.get(self.layout.index(cell)?)? as usize;
+        Some((*self.points.get(index)?, *self.normals.get(index)?))
+    }
+}
+
+/// The first point of each square of this edge, in the order in which they came.
+pub(super) fn thinned(points: &[Vector2<f64>], edge: f64) -> Vec<Vector2<f64>> {
+    let mut places: Vec<(i64, i64, usize)> = points
+        .iter()
+        .enumerate()
+        .map(|(i, point)| ((point.x / edge).floor() as i64, (point.y / edge).floor() as i64, i))
+        .collect();
+    places.sort_unstable();
+    places.dedup_by_key(|(x, y, _)| (*x, *y));
+    places.sort_unstable_by_key(|(_, _, i)| *i);
+    places.into_iter().map(|(_, _, i)| points[i]).collect()
+}
+
+/// Normals of the lines through the neighbours of each point.
+fn normals(points: &[Vector2<f64>], radius: f64) -> Vec<Vector2<f64>> {
+    let bucket = |v: f64| (v / radius).floor() as i64;
+    let mut buckets: Vec<(i64, i64, usize)> =
+        points.iter().enumerate().map(|(i, point)| (bucket(point.y), bucket(point.x), i)).collect();
+    buckets.sort_unstable();
+    let neighbours = |x: i64, y: i64| {
+        let start = buckets.partition_point(|b| (b.0, b.1) < (y, x - 1));
+        buckets[start..].iter().take_while(move |b| (b.0, b.1) <= (y, x + 1)).map(|b| points[b.2])
+    };
+    let normal = |point: &Vector2<f64>| {
+        let (mut count, mut sum, mut squares) = (0.0, Vector2::zeros(), Matrix2::zeros());
+        for y in bucket(point.y) - 1..=bucket(point.y) + 1 {
+            for other in neighbours(bucket(point.x), y) {
+                let offset = other - point;
+                if offset.norm_squared() <= radius * radius {
+                    (count, sum, squares) = (count + 1.0, sum + offset, squares + offset * offset.transpose());
+                }
+            }
+        }
+        let mean = sum / count;
+        let covariance = squares / count - mean * mean.transpose();
+        // Half of the angle of (a - c, 2 b) is the direction of the line (closed form of the eigenvectors).
+        let (difference, twice) = (covariance[(0, 0)] - covariance[(1, 1)], 2.0 * covariance[(0, 1)]);
+        let (trace, spread) = (covariance.trace(), difference.hypot(twice));
+        if count < 3.0 || trace - spread > THICKNESS * (trace + spread) {
+            return Vector2::zeros();
+        }
+        let along = 0.5 * twice.atan2(difference);
+        Vector2::new(-along.sin(), along.cos())
+    };
+    points.iter().map(normal).collect()
+}
