@@ -350,7 +350,7 @@ fn stored_graphs_are_checked_and_go_on_bit_by_bit() {
 /// ends.
 fn guesses_do_not_depend_on_the_poses<G: RigidMotion>(step: &G, sigma: &G::Tangent) {
     for (scale, seed) in [(0.0, 1), (1.0, 2), (1.0, 3)] {
-        let noise = *sigma * scale + *sigma * 1e-9;
+        let noise = *sigma * scale + *sigma * 1e-6;
         let (truth, graph) = rounds(seed, step, 80, 17, &noise);
         let descend = |poses: &mut dyn FnMut(usize) -> G, guess: bool| {
             let mut other = PoseGraph::new();

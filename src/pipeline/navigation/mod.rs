@@ -270,7 +270,7 @@ impl Navigation {
                 if rest.twist == Twist2::ZERO && self.escapes < self.params.recoveries {
                     self.escapes += 1;
                     self.stuck_at.get_or_insert(request.state.map_from_base);
-                    self.behaviour = Some(Behaviour::escape(request));
+                    self.behaviour = Some(Behaviour::escape(request, &self.footprint));
                     return answer(NavigationStatus::Recovering(Recovery::Escape));
                 }
             }

@@ -35,6 +35,8 @@ pub(super) struct Behaviour {
     heading: f64,
     /// Seconds since it began.
     time: f64,
+    /// Least room that a way out may leave, in metres.
+    floor: f64,
     manoeuvre: Manoeuvre,
 }
 
@@ -50,8 +52,11 @@ const BACK: f64 = 0.3;
 /// Speed of a recovery, in metres per second and radians per second.
 const SPEED: f64 = 0.3;
 const TURN_RATE: f64 = 1.0;
-/// How far ahead a way out is looked at, in seconds.
+/// How far ahead a way out is looked at, in steps and seconds of each: past the corner of what is touched.
+const LOOKS: usize = 6;
 const CREEP: f64 = 0.3;
+/// Room around the outline at which a way out of a contact ends, in cells: marks come and go by one cell as the scanner's noise has it.
+const CLEAR: f64 = 1.0;
 /// Least room that a way out gains, in metres.
 const GAIN: f64 = 1e-3;
 
@@ -76,16 +81,19 @@ impl Behaviour {
         let ahead = path.points().iter().map(|point| point.pose.translation() - start.translation());
         let heading =
             ahead.skip_while(|way| way.norm() < 0.5).map(|way| way.y.atan2(way.x)).next().unwrap_or(start.yaw() + 2.0);
-        Ok(Self { kind, start, heading, time: 0.0, manoeuvre: manoeuvre.unwrap_or_default() })
+        Ok(Self { kind, start, heading, time: 0.0, floor: 0.0, manoeuvre: manoeuvre.unwrap_or_default() })
     }
 
     /// The way out of a contact.
-    pub(super) fn escape(request: &NavigationRequest<'_>) -> Self {
+    pub(super) fn escape(request: &NavigationRequest<'_>, footprint: &Footprint) -> Self {
+        let start = request.state.map_from_base;
         Self {
             kind: Recovery::Escape,
-            start: request.state.map_from_base,
+            start,
             heading: 0.0,
             time: 0.0,
+            // On the way some may be lost, within what cells can tell.
+            floor: room(request, footprint, &start) - 0.2 * request.map.layout().resolution(),
             manoeuvre: Manoeuvre::default(),
         }
     }
@@ -157,7 +165,7 @@ impl Behaviour {
         Ok(Some(motion))
     }
 
-    /// The slow motion that gains most room; none once nothing is touched, or no motion gains any.
+    /// The slow motion that gains most room and loses hardly any on the way; none once nothing is near, or no motion gains any.
     fn creep(
         &self,
         request: &NavigationRequest<'_>,
@@ -165,15 +173,21 @@ impl Behaviour {
         rest: &Motion,
     ) -> Result<Option<Motion>, Error> {
         let (here, now, dt) = (request.state.map_from_base, request.state.motion(), request.dt);
-        let is_over = self.time > LONGEST || !request.map.collides(footprint, &here)?;
+        let is_over = self.time > LONGEST || !request.map.obstacles().collides_within(footprint, &here, CLEAR)?;
         let before = room(request, footprint, &here);
         let mut best = (GAIN, None);
         for vx in [-SPEED, 0.0, SPEED] {
             for yaw_rate in [-TURN_RATE, 0.0, TURN_RATE] {
                 let turns = yaw_rate == 0.0 || request.limits.steering.is_none();
                 let twist = Twist2::new(vx, 0.0, yaw_rate);
-                let gain = room(request, footprint, &(here * twist.integrate(CREEP))) - before;
-                if turns && gain > best.0 {
+                if !turns {
+                    continue;
+                }
+                let after = |k: usize| room(request, footprint, &(here * twist.integrate(CREEP * k as f64)));
+                // The later it is gained, the more it must be.
+                let gains = (1..=LOOKS).map(|k| (after(k), k as f64)).take_while(|&(room, _)| room > self.floor);
+                let gain = gains.map(|(room, k)| (room - before) / k).fold(0.0, f64::max);
+                if gain > best.0 {
                     best = (gain, Some(twist));
                 }
             }

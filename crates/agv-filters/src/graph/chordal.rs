@@ -59,7 +59,7 @@ impl RigidMotion for Se3 {
     }
 }
 
-/// Weight of a relation that says nothing of a rotation or a translation, beside the greatest: it must not leave a pose without any.
+/// Least weight of a relation, beside the greatest: it must not leave a pose without any, nor the equations ill-conditioned.
 const LEAST_WEIGHT: f64 = 1e-6;
 
 impl<G: RigidMotion> PoseGraphSolver<G> {
@@ -107,8 +107,9 @@ fn ties<G: RigidMotion>(graph: &PoseGraph<G>) -> Vec<Tie> {
         let between = ties.iter().filter(|tie| tie.from.is_some());
         let greatest = between.map(|tie| tie.weights[kind]).fold(0.0, f64::max);
         let least = if greatest > 0.0 { LEAST_WEIGHT * greatest } else { 1.0 };
-        for tie in ties.iter_mut().filter(|tie| tie.from.is_some() && tie.weights[kind] <= 0.0) {
-            tie.weights[kind] = least;
+        // A prior may say nothing, but who says anything is heard: else rounding decides where the whole graph lies.
+        for tie in ties.iter_mut().filter(|tie| tie.from.is_some() || tie.weights[kind] > 0.0) {
+            tie.weights[kind] = tie.weights[kind].max(least);
         }
     }
     ties
