@@ -29,10 +29,10 @@ fn solve<G: RigidMotion + G2oPose>(c: &mut Criterion, name: &str, file: G2o<G>) 
     assert!(report.termination.converged());
     println!("{name}: {} steps, sum of squares {}", report.iterations, 2.0 * report.cost);
     group.bench_function("guess", |b| {
-        b.iter_batched_ref(|| graph.clone(), |g| solver.initialize(g), BatchSize::LargeInput)
+        b.iter_batched_ref(|| graph.clone(), |g| solver.initialize(g), BatchSize::LargeInput);
     });
     group.bench_function("optimise", |b| {
-        b.iter_batched_ref(|| guess.clone(), |g| solver.optimize(g), BatchSize::LargeInput)
+        b.iter_batched_ref(|| guess.clone(), |g| solver.optimize(g), BatchSize::LargeInput);
     });
     // All that a first closure costs: the order of elimination, a guess and the descent.
     group.bench_function("from nothing", |b| {
@@ -40,7 +40,7 @@ fn solve<G: RigidMotion + G2oPose>(c: &mut Criterion, name: &str, file: G2o<G>) 
             || (graph.clone(), self::solver()),
             |(graph, solver)| (solver.initialize(graph), solver.optimize(graph)),
             BatchSize::LargeInput,
-        )
+        );
     });
     group.finish();
 }

@@ -82,7 +82,8 @@ impl<G: LieGroup> PoseGraphSolver<G> {
     /// As [`optimize`](Self::optimize), for graphs with many false relations: kernels so wide that all relations count come first, and
     /// are narrowed stage by stage to what they are (graduated non-convexity: Yang et al., *Graduated non-convexity for robust spatial
     /// perception*, 2020). Relations whose kernel is [`Square`](agv_core::solve::RobustKernel::Square) are taken to be true in every
-    /// stage; give those that may be false a bounded kernel, Geman and McClure's or dynamic covariance scaling.
+    /// stage; give those that may be false a bounded kernel, [`GemanMcClure`](agv_core::solve::RobustKernel::GemanMcClure) or
+    /// [`DynamicCovarianceScaling`](agv_core::solve::RobustKernel::DynamicCovarianceScaling).
     ///
     /// The report counts the steps of all stages. There are about `ln(2 s / c²) / ln(graduation)` of them for a worst squared
     /// residual `s` and a scale `c`.
