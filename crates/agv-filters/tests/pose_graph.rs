@@ -1,4 +1,5 @@
-//! Pose graphs: against dense least squares, on worlds whose truth is known, and on the graph of a recorded drive.
+//! Pose graphs: against dense least squares, and on worlds whose truth is known.
+#![expect(clippy::disallowed_types, reason = "the dense reference")]
 
 use agv_core::{
     Error,

@@ -1,4 +1,5 @@
 //! Against full matrices.
+#![expect(clippy::disallowed_types, reason = "the dense reference")]
 
 use super::*;
 use nalgebra::{DMatrix, DVector, Matrix3, SMatrix, Vector3};
