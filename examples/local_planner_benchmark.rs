@@ -17,7 +17,7 @@
 //! over the time that it took, held between two and eight times the least, so at most a half.
 //!
 //! You will see a table, and pictures of the first run and of each failure in `target/agv/local_planner_benchmark/`. Without
-//! worlds, eight of BARN's kind are generated; that takes some seconds.
+//! arguments it drives through the six worlds of BARN in `data/barn`, within some seconds; `--generated n` makes others of their kind.
 
 #[path = "local_planner_benchmark/contact.rs"]
 mod contact;
@@ -51,12 +51,21 @@ struct Args {
     /// Greatest speed, in metres per second
     #[arg(long, default_value_t = 2.0, value_parser = positive)]
     v_max: f64,
+    /// When a run ends at the latest, in seconds
+    #[arg(long, default_value_t = 100.0, value_parser = positive)]
+    timeout: f64,
+    /// Distance from obstacles that counts as safe, in metres, at most one
+    #[arg(long, default_value_t = 0.3, value_parser = positive)]
+    safe_distance: f64,
     /// At most so many worlds, spread over all
     #[arg(long)]
     limit: Option<usize>,
     /// Take obstacles that move to stand where they are seen: planning without a sense of time, for comparison
     #[arg(long)]
     frozen: bool,
+    /// Tell the planner what truly moves, instead of what is tracked in the scans, for comparison
+    #[arg(long)]
+    oracle: bool,
     /// Pictures of all runs, not of the first and of failures only
     #[arg(long)]
     all_pictures: bool,

@@ -5,6 +5,8 @@ use agv_nav::{
     core::{
         geometry::Twist2,
         grid::{CollisionParams, Footprint, Inflation, InflationParams, LocalMapParams},
+        nalgebra::Vector2,
+        obstacle::MovingObstacle,
         roles::{BlockReason, LocalCommand, LocalPlanError, LocalPlanStatus, NoPathReason, PlanError},
     },
     pipeline::{GiveUpReason, Navigation, NavigationParams, NavigationRequest, NavigationStatus},
@@ -179,6 +181,58 @@ fn backing_off_and_coming_again_is_no_progress() {
     }
 }
 
+/// Who comes, and what becomes of a vehicle that drives ahead and brakes for nobody: the least gap of the drive.
+fn meet(world: &mut World, foresight: f64, from: Vector2<f64>, velocity: Vector2<f64>) -> f64 {
+    let params = NavigationParams { foresight, ..NavigationParams::default() };
+    let local = Box::new(BlockedAt(4.0));
+    let mut navigation = Navigation::new(Box::new(Straight), local, footprint(), params).unwrap();
+    navigation.go_to(&Se2::new(7.0, 3.0, 0.0)).unwrap();
+    let limits: MotionLimits = TwistLimits { yaw_rate: 2.0, yaw_acceleration: 4.0, ..TwistLimits::default() }.into();
+    let mut state = VehicleState::new(Se2::new(2.0, 3.0, 0.0), Twist2::ZERO);
+    let mut least = f64::INFINITY;
+    for cycle in 0..100 {
+        let somebody = MovingObstacle::new(from + velocity * (DT * f64::from(cycle)), velocity, 0.3).unwrap();
+        world.look(&state.map_from_base);
+        let obstacles = [somebody];
+        let request = NavigationRequest { state, map: &world.local, obstacles: &obstacles, limits: &limits, dt: DT };
+        let command = navigation.cycle(request).unwrap();
+        assert!(limits.allows_step(&state.motion(), &command.motion, DT), "{cycle}: {command:?}");
+        for tenth in 0..10 {
+            let time = 0.1 * DT * f64::from(tenth);
+            let pose = state.map_from_base * command.motion.twist.integrate(time);
+            least = least.min(somebody.gap_after(time, &footprint(), &pose));
+        }
+        state = state.after(&command.motion, DT);
+        assert!(cycle % 10 != 0 || !world.touches(&state.map_from_base), "{cycle}: {state:?}");
+    }
+    least
+}
+
+/// From all sides, straight at where the vehicle will be after five seconds.
+#[test]
+fn gets_out_of_the_way_of_who_would_run_into_it() {
+    let mut world = World::new(|x, y| !(0.1..7.9).contains(&x) || !(0.1..5.9).contains(&y));
+    let mut hit = 0;
+    for k in 0..12 {
+        let angle = std::f64::consts::TAU * (f64::from(k) + 0.5) / 12.0;
+        let velocity = Vector2::new(angle.cos(), angle.sin()) * 0.7;
+        let from = Vector2::new(3.5, 3.0) - velocity * 5.0;
+        let gap = meet(&mut world, 2.5, from, velocity);
+        assert!(gap > 0.0, "{k}: {gap}");
+        hit += usize::from(meet(&mut world, 0.0, from, velocity) <= 0.0);
+    }
+    // Who minds nobody is run into, mostly.
+    assert!(hit > 6, "{hit}");
+}
+
+/// In a passage there is no side to go to: the vehicle backs off, and touches no wall.
+#[test]
+fn backs_off_where_there_is_no_side_to_go_to() {
+    let mut world = World::new(|x, y| !(0.1..7.9).contains(&x) || !(2.4..3.6).contains(&y));
+    let gap = meet(&mut world, 2.5, Vector2::new(5.5, 3.0), Vector2::new(-0.2, 0.0));
+    assert!(gap > 0.0, "{gap}");
+}
+
 #[test]
 fn without_a_goal_it_brakes() {
     let mut world = World::new(|_, _| false);
@@ -226,6 +280,7 @@ fn bad_input_is_refused() {
         NavigationParams { border: f64::NAN, ..good },
         NavigationParams { goal_tolerance: 0.0, ..good },
         NavigationParams { patience: -1.0, ..good },
+        NavigationParams { foresight: f64::NAN, ..good },
     ] {
         let astar = AStar::new(AStarParams::default()).unwrap();
         let tracker = PurePursuit::new(PurePursuitParams::default()).unwrap();

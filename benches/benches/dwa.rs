@@ -79,7 +79,9 @@ fn dwa(criterion: &mut Criterion) {
             });
         });
         let request = LocalPlanRequest { state, path: &path, map: &map, obstacles: &[], limits: &limits, dt: 0.05 };
-        let mut planner = Dwa::new(DwaParams::for_footprint(&footprint)).unwrap();
+        // The vehicle does not move on, so that the planner must not lose its patience.
+        let params = DwaParams { patience: 1e9, ..DwaParams::for_footprint(&footprint) };
+        let mut planner = Dwa::new(params).unwrap();
         assert_eq!(planner.command(request).unwrap().status, LocalPlanStatus::Following);
         group.throughput(Throughput::Elements(1));
         group.bench_function(BenchmarkId::new("cycle", points), |bencher| {

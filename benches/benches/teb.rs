@@ -1,11 +1,12 @@
 //! The timed elastic band: plans from the beginning and plans that go on, by poses and by obstacle points, along a lane whose points
-//! are nearer than the clearance that is kept; and around a post that stands on it.
+//! are nearer than the clearance that is kept; around a post that stands on it, by all ways that there are, on one thread and on two;
+//! and for an outline of corners and a vehicle that steers.
 
 use agv_core::{
-    compute::Seed,
+    compute::{Par, Seed},
     geometry::{Se2, Twist2},
     grid::{CellState, Costmap, Footprint, Grid, GridLayout, LocalMap, LocalMapParams, cost},
-    kinematics::MotionLimits,
+    kinematics::{MotionLimits, SteeringLimits},
     path::Path,
     roles::{LocalPlanRequest, LocalPlanStatus, VehicleState},
 };
@@ -43,50 +44,78 @@ fn hall(points: usize, post: bool) -> LocalMap {
     LocalMap::new(&costmap, LocalMapParams::default()).unwrap()
 }
 
+/// What is benched, by name.
+struct Case {
+    name: &'static str,
+    /// Poses of the band, and the length that they make, in metres.
+    band: (u32, f64),
+    points: usize,
+    post: bool,
+    footprint: Footprint,
+    limits: MotionLimits,
+    par: Par,
+}
+
+fn cases() -> Vec<Case> {
+    let circle = || Footprint::circle(0.3).unwrap();
+    let case = |name, band, points, post| {
+        let (footprint, limits) = (circle(), MotionLimits::default());
+        Case { name, band, points, post, footprint, limits, par: Par::Seq }
+    };
+    let (short, long) = ((40, 8.0), (98, 21.4));
+    let steering = SteeringLimits { wheelbase: 0.6, max_rate: 1.0, ..SteeringLimits::default() };
+    let rectangle = Footprint::rectangle(-0.3, 0.3, 0.5).unwrap();
+    vec![
+        case("40 poses, 50 points", short, 50, false),
+        case("40 poses, 50 points, post", short, 50, true),
+        case("98 poses, 50 points", long, 50, false),
+        case("98 poses, 1000 points", long, 1000, false),
+        Case { footprint: rectangle, ..case("98 poses, 50 points, polygon", long, 50, false) },
+        Case {
+            limits: MotionLimits { steering: Some(steering), ..MotionLimits::default() },
+            ..case("98 poses, 50 points, steering", long, 50, false)
+        },
+        case("98 poses, 50 points, post", long, 50, true),
+        Case { par: Par::threads(2), ..case("98 poses, 50 points, post, 2 threads", long, 50, true) },
+    ]
+}
+
 fn bench(c: &mut Criterion) {
     let path = Path::from_positions(&[Vector2::new(1.0, 4.0), Vector2::new(23.0, 4.0)]).unwrap();
-    let limits = MotionLimits::default();
     let mut group = c.benchmark_group("teb");
-    for (poses, length) in [(40, 8.0), (98, 21.4)] {
-        for (points, post) in [(50, false), (50, true), (1000, false)] {
-            if poses == 40 && points == 1000 {
-                continue;
-            }
-            let map = hall(points, post);
-            let footprint = Footprint::circle(0.3).unwrap();
-            let spacing = length / f64::from(poses - 1);
-            let params = TebParams { horizon: length - 0.01, spacing, ..TebParams::for_footprint(footprint) };
-            let mut teb = Teb::new(params).unwrap();
-            let state = VehicleState::new(Se2::new(1.0, 4.1, 0.1), Twist2::new(0.5, 0.0, 0.0));
-            let request = LocalPlanRequest { state, path: &path, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
-            let plan = teb.plan(request).unwrap();
-            assert!(plan.is_free && plan.command.status == LocalPlanStatus::Following);
-            let band = plan.band.unwrap();
-            let aside = (0..band.len()).filter_map(|i| band.pose(i)).map(|pose| (pose.y() - 4.0).abs());
-            let bent = aside.fold(0.0, f64::max);
-            assert!(!post || plan.ways > 1 && bent > 0.3, "{} ways, {bent} m aside", plan.ways);
-            let case = format!("{poses} poses, {points} points{}", if post { ", post" } else { "" });
-            println!("{} poses, {:?}", band.len(), plan.report);
-            group.bench_function(format!("cold, {case}"), |b| {
-                b.iter(|| {
-                    teb.reset();
-                    black_box(teb.plan(black_box(request)).unwrap().command)
-                });
+    for Case { name, band: (poses, length), points, post, footprint, limits, par } in cases() {
+        let map = hall(points, post);
+        let spacing = length / f64::from(poses - 1);
+        let params = TebParams { horizon: length - 0.01, spacing, ..TebParams::for_footprint(footprint) };
+        let mut teb = Teb::new(params).unwrap().with_parallelism(par);
+        let state = VehicleState::new(Se2::new(1.0, 4.1, 0.1), Twist2::new(0.5, 0.0, 0.0));
+        let request = LocalPlanRequest { state, path: &path, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
+        let plan = teb.plan(request).unwrap();
+        assert!(plan.is_free && plan.command.status == LocalPlanStatus::Following, "{name}");
+        let band = plan.band.unwrap();
+        let aside = (0..band.len()).filter_map(|i| band.pose(i)).map(|pose| (pose.y() - 4.0).abs());
+        let bent = aside.fold(0.0, f64::max);
+        assert!(!post || plan.ways > 1 && bent > 0.3, "{} ways, {bent} m aside", plan.ways);
+        println!("{name}: {} poses, {} ways, {:?}", band.len(), plan.ways, plan.report);
+        group.bench_function(format!("cold, {name}"), |b| {
+            b.iter(|| {
+                teb.reset();
+                black_box(teb.plan(black_box(request)).unwrap().command)
             });
-            // The vehicle moves on, so that there is something left to do in each cycle; now and then from the beginning.
-            let (mut state, mut cycles) = (request.state, 0);
-            group.bench_function(format!("warm, {case}"), |b| {
-                b.iter(|| {
-                    if cycles == 20 {
-                        (state, cycles) = (request.state, 0);
-                    }
-                    let command = teb.plan(LocalPlanRequest { state, ..request }).unwrap().command;
-                    state = state.after(&command.motion, request.dt);
-                    cycles += 1;
-                    black_box(command)
-                });
+        });
+        // The vehicle moves on, so that there is something left to do in each cycle; now and then from the beginning.
+        let (mut state, mut cycles) = (request.state, 0);
+        group.bench_function(format!("warm, {name}"), |b| {
+            b.iter(|| {
+                if cycles == 20 {
+                    (state, cycles) = (request.state, 0);
+                }
+                let command = teb.plan(LocalPlanRequest { state, ..request }).unwrap().command;
+                state = state.after(&command.motion, request.dt);
+                cycles += 1;
+                black_box(command)
             });
-        }
+        });
     }
     group.finish();
 }

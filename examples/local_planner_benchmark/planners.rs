@@ -3,7 +3,7 @@
 use crate::Result;
 use agv_nav::{
     control::track::{FollowerParams, PurePursuit, PurePursuitParams},
-    core::grid::Footprint,
+    core::{compute::Seed, grid::Footprint},
     pipeline::{Navigation, NavigationParams},
     plan::{
         dwa::{Dwa, DwaParams},
@@ -12,6 +12,7 @@ use agv_nav::{
             Tracked, TrackedParams,
             critics::{BoundedObstacle, Critic, KeyNodeDistance, KeyNodeHeading, Velocity},
         },
+        mppi::{Mppi, MppiParams},
         smooth::{KeyNodes, LineOfSightParams, Straightened},
         teb::{Teb, TebParams},
     },
@@ -37,6 +38,8 @@ pub(crate) enum Planner {
     Dwa,
     /// Dynamic window approach with the critics of paper 002
     Idwa,
+    /// Model predictive path integral control
+    Mppi,
     /// Timed elastic band
     Teb,
 }
@@ -88,6 +91,7 @@ fn local(planner: Planner) -> Result<Box<dyn LocalPlanner + Send>> {
             ];
             Box::new(Dwa::with_critics(DwaParams::for_footprint(&footprint), critics)?)
         }
+        Planner::Mppi => Box::new(Mppi::new(MppiParams::for_footprint(&footprint), Seed(0))?),
         Planner::Teb => Box::new(Teb::new(TebParams::for_footprint(footprint))?),
         Planner::Tracker => {
             let follower = FollowerParams {

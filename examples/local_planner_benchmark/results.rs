@@ -24,6 +24,7 @@ pub(crate) fn report(args: &Args, trials: &[Trial], runs: &[Run]) -> Report {
     report
         .number("cycle_ms_p50", cycles.milliseconds(50.0))
         .number("cycle_ms_p99", cycles.milliseconds(99.0))
+        .number("cycle_ms_mean", cycles.total_milliseconds() / cycles.count().max(1) as f64)
         .number("cycle_ms_max", cycles.milliseconds(100.0))
         .number("sight_ms_p50", sight.milliseconds(50.0))
         .number("sight_ms_p99", sight.milliseconds(99.0));
@@ -73,6 +74,8 @@ fn figures(report: &mut Report, runs: &[&Run]) {
         .number("length_mean_m", mean(&|run| run.length))
         .number("speed_mean_mps", mean(&|run| run.length / run.time))
         .number("acceleration_mean_mps2", mean(&|run| run.smoothness))
+        .number("endangered_share", runs.iter().map(|run| run.danger).sum::<f64>() / runs.len().max(1) as f64)
         .number("clearance_min_m", runs.iter().map(|run| run.clearance).fold(f64::INFINITY, f64::min))
-        .count("recoveries", runs.iter().map(|run| run.recoveries).sum());
+        .count("recoveries", runs.iter().map(|run| run.recoveries).sum())
+        .count("evading_cycles", runs.iter().map(|run| run.evasions).sum());
 }

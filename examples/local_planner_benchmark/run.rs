@@ -15,8 +15,6 @@ use std::sync::Mutex;
 pub(crate) const CYCLE: f64 = 0.05;
 /// Steps of the simulation in a cycle: the vehicle's ramps are smooth.
 const STEPS: u64 = 5;
-/// When a run ends at the latest, in seconds.
-const TIMEOUT: f64 = 100.0;
 /// Distance from the goal at which it succeeds, in metres.
 const REACHED: f64 = 1.0;
 /// Relative error of the odometry.
@@ -56,6 +54,8 @@ pub(crate) struct Run {
     pub(crate) score: f64,
     /// Least clearance, in metres, at most one.
     pub(crate) clearance: f64,
+    /// Share of the time in which something is nearer than the safe distance.
+    pub(crate) danger: f64,
     /// Mean magnitude of the acceleration along the way, in metres per second squared.
     pub(crate) smoothness: f64,
     /// Times of costmap, global and local planning together.
@@ -69,6 +69,31 @@ pub(crate) struct Run {
     /// Moving obstacles at the end.
     pub(crate) obstacles: Vec<MovingObstacle>,
     pub(crate) recoveries: usize,
+    /// Cycles in which the vehicle got out of somebody's way.
+    pub(crate) evasions: usize,
+}
+
+impl Run {
+    /// One that has not begun.
+    fn from(start: Se2) -> Self {
+        Self {
+            end: End::Timeout,
+            status: NavigationStatus::Idle,
+            time: 0.0,
+            length: 0.0,
+            score: 0.0,
+            clearance: 1.0,
+            danger: 0.0,
+            smoothness: 0.0,
+            cycles: Timings::default(),
+            sight: Timings::default(),
+            track: vec![start],
+            paths: Vec::new(),
+            obstacles: Vec::new(),
+            recoveries: 0,
+            evasions: 0,
+        }
+    }
 }
 
 /// All runs, in the order of the trials; several at once where threads are given.
@@ -113,6 +138,14 @@ fn vehicle(v_max: f64, start: Se2, seed: Seed) -> Result<Vehicle> {
     Ok(Vehicle::new(params, start, seed.derive(2))?)
 }
 
+/// Puts what truly moves to where a vehicle at `truth` that believes to be elsewhere would see it.
+fn as_seen(obstacles: &mut [MovingObstacle], truth: &Se2, believed: &Se2) {
+    for obstacle in obstacles {
+        obstacle.position = believed.act(&truth.inverse().act(&obstacle.position));
+        obstacle.velocity = believed.rotation().act(&truth.rotation().inverse().act(&obstacle.velocity));
+    }
+}
+
 fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
     let (planner, v_max, frozen) = (args.planner, args.v_max, args.frozen);
     let world: &dyn PlanarWorld = &*trial.world;
@@ -128,28 +161,19 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
     let mut navigation = planners::navigation(planner)?;
     navigation.go_to(&trial.goal)?;
 
-    let mut run = Run {
-        end: End::Timeout,
-        status: NavigationStatus::Idle,
-        time: 0.0,
-        length: 0.0,
-        score: 0.0,
-        clearance: 1.0,
-        smoothness: 0.0,
-        cycles: Timings::default(),
-        sight: Timings::default(),
-        track: vec![trial.start],
-        paths: Vec::new(),
-        obstacles: Vec::new(),
-        recoveries: 0,
-    };
+    let mut run = Run::from(trial.start);
+    let mut endangered = 0.0;
     let (mut believed, mut motion, mut states) = (trial.start, Motion::REST, Vec::new());
-    let (mut changes, mut was_recovering) = (Vec::new(), false);
+    let (mut changes, mut told, mut was_recovering) = (Vec::new(), Vec::new(), false);
     let mut scan = simulator.look()?.scan().cloned().ok_or("the laser is silent")?;
-    let cycles = (TIMEOUT / CYCLE) as u64;
+    let cycles = (args.timeout / CYCLE) as u64;
     'driving: for cycle in 0..cycles {
+        if args.oracle {
+            trial.moving.states_into(cycle as f64 * CYCLE, &mut told);
+            as_seen(&mut told, &simulator.vehicle().map_from_base(), &believed);
+        }
         let command = run.cycles.time(|| {
-            run.sight.time(|| sight.look(&scan, &believed))?;
+            run.sight.time(|| sight.look(&scan, &believed, args.oracle.then_some(&*told)))?;
             navigation
                 .cycle(NavigationRequest {
                     // The vehicle ramps where planners take commands as steps: half a cycle ahead both come to the same.
@@ -167,6 +191,7 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
         let is_recovering = matches!(command.status, NavigationStatus::Recovering(_));
         run.recoveries += usize::from(is_recovering && !was_recovering);
         was_recovering = is_recovering;
+        run.evasions += usize::from(command.status == NavigationStatus::Evading);
         run.status = command.status;
         if command.planned {
             let path: Vec<_> = navigation.path().points().iter().map(|point| point.pose.translation()).collect();
@@ -194,6 +219,7 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
             let way = Way { world, moving: &trial.moving, body: &body, start, twist, time };
             let (touches, clearance) = way.touches(simulator.dt(), &mut states);
             run.clearance = run.clearance.min(clearance);
+            endangered += if clearance < args.safe_distance { simulator.dt() } else { 0.0 };
             run.time = time + simulator.dt();
             run.length += (end.translation() - start.translation()).norm();
             if touches {
@@ -210,6 +236,7 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
         }
         run.track.push(simulator.vehicle().map_from_base());
     }
+    run.danger = endangered / run.time.max(CYCLE);
     run.smoothness = Statistics::new(changes).map_or(0.0, |s| s.mean());
     run.obstacles = simulator.obstacles().to_vec();
     if run.end == End::Success {

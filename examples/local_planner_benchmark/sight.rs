@@ -8,7 +8,7 @@ use agv_nav::{
     },
     filters::tracking::{ObstacleTracker, TrackerParams},
     nalgebra::Vector2,
-    prelude::{LaserScan, LocalMap, Se2},
+    prelude::{LaserScan, LieGroup as _, LocalMap, Se2},
 };
 
 /// Edge of a cell, in metres.
@@ -48,15 +48,30 @@ impl Sight {
         Ok(Self { rolling, local, tracker, frozen, obstacles: Vec::new() })
     }
 
-    /// Takes a scan from where the vehicle believes to be.
-    pub(crate) fn look(&mut self, scan: &LaserScan, map_from_base: &Se2) -> Result<()> {
+    /// Takes a scan from where the vehicle believes to be; `told` is what moves, if that is not to be found in the scan.
+    pub(crate) fn look(
+        &mut self,
+        scan: &LaserScan,
+        map_from_base: &Se2,
+        told: Option<&[MovingObstacle]>,
+    ) -> Result<()> {
+        let tracked = self.tracker.update(scan, map_from_base)?;
         self.obstacles.clear();
-        self.obstacles.extend_from_slice(self.tracker.update(scan, map_from_base)?);
+        self.obstacles.extend_from_slice(told.unwrap_or(tracked));
         if self.frozen {
             self.obstacles.iter_mut().for_each(|obstacle| obstacle.velocity = Vector2::zeros());
         }
-        let tracker = &self.tracker;
-        self.rolling.update_where([scan], map_from_base, |_, beam| !tracker.is_moving_beam(beam))?;
+        let (tracker, obstacles) = (&self.tracker, &self.obstacles);
+        let map_from_sensor = *map_from_base * scan.geometry().base_from_sensor;
+        self.rolling.update_where([scan], map_from_base, |_, beam| {
+            if told.is_none() {
+                return !tracker.is_moving_beam(beam);
+            }
+            let (sin, cos) = scan.geometry().angle(beam).sin_cos();
+            let range = scan.ranges().get(beam).copied().map_or(0.0, f64::from);
+            let point = map_from_sensor.act(&Vector2::new(range * cos, range * sin));
+            !obstacles.iter().any(|obstacle| obstacle.distance_after(0.0, &point) < 0.15)
+        })?;
         self.local.update(self.rolling.costmap())?;
         Ok(())
     }

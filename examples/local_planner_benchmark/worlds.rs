@@ -9,7 +9,7 @@ use agv_sim::{Clutter, ClutterParams, GridWorld, KeyFrame, MovingDisc, MovingDis
 use agv_support::localplan::{
     BarnWorld, DynabarnDisc, DynabarnWorld, read_barn, read_dynabarn, read_mrpb_map, read_mrpb_tests,
 };
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 /// A drive from a start to a goal.
 pub(crate) struct Trial {
@@ -47,6 +47,9 @@ pub(crate) struct WorldArgs {
     /// BARN: the set's own paths
     #[arg(long, requires = "worlds")]
     paths: Option<PathBuf>,
+    /// So many generated worlds of BARN's kind, by the seed
+    #[arg(long, conflicts_with_all = ["worlds", "keyframes", "map"])]
+    generated: Option<usize>,
     /// `DynaBARN`: key frames of the moving discs
     #[arg(long, conflicts_with = "map")]
     keyframes: Option<PathBuf>,
@@ -59,7 +62,7 @@ pub(crate) struct WorldArgs {
 }
 
 impl WorldArgs {
-    /// The worlds that the arguments name, or eight generated ones.
+    /// The worlds that the arguments name, or those of the repository.
     pub(crate) fn load(&self, seed: Seed) -> Result<Vec<Trial>> {
         if let (Some(worlds), Some(cylinders)) = (&self.worlds, &self.cylinders) {
             return read_barn(worlds, cylinders, self.paths.as_deref())?.into_iter().map(barn).collect();
@@ -70,7 +73,12 @@ impl WorldArgs {
         if let (Some(map), Some(tests)) = (&self.map, &self.tests) {
             return mrpb(map, tests);
         }
-        (0..8).map(|index| generated(index, seed)).collect()
+        if let Some(count) = self.generated {
+            return (0..count).map(|index| generated(index, seed)).collect();
+        }
+        let [worlds, cylinders, paths] =
+            ["worlds.csv", "cylinders.csv.gz", "paths.csv.gz"].map(|file| Path::new("data/barn").join(file));
+        read_barn(&worlds, &cylinders, Some(&paths))?.into_iter().map(barn).collect()
     }
 }
 

@@ -10,6 +10,7 @@ mod grids;
 mod kalman;
 mod localization;
 mod mapping;
+mod navigation;
 mod particle_models;
 mod planning;
 #[path = "../scenes/mod.rs"]

@@ -22,6 +22,7 @@ use agv_nav::plan::{
         GridPlannerParams, GridSpace, Jps, JpsPlus, LazyThetaStar, Potential, ThetaStar,
     },
     hybrid::{HybridAStar, HybridAStarParams},
+    mppi::{Mppi, MppiParams},
     smooth::{CurvatureSmoother, CurvatureSmootherParams, KeyNodes, LineOfSightParams, PathSmoother, TautString},
 };
 
@@ -178,11 +179,22 @@ fn smoothers() {
 
 #[test]
 fn the_dynamic_window() {
+    let outline = Footprint::rectangle(-0.2, 0.3, 0.4).unwrap();
+    drives_without_allocating(&mut Dwa::new(DwaParams::for_footprint(&outline)).unwrap());
+}
+
+#[test]
+fn the_path_integral() {
+    let outline = Footprint::rectangle(-0.2, 0.3, 0.4).unwrap();
+    drives_without_allocating(&mut Mppi::new(MppiParams::for_footprint(&outline), Seed(1)).unwrap());
+}
+
+/// Drives among people on a map that changes; none of it allocates the third time.
+fn drives_without_allocating(planner: &mut dyn LocalPlanner) {
     let mut changed = scenes::room();
     changed.set(Cell::new(90, 50), CellState::Occupied);
     let costmaps = [scenes::room(), changed].map(|map| Costmap::from_map(&map));
     let mut map = LocalMap::new(&costmaps[0], LocalMapParams::default()).unwrap();
-    let mut dwa = Dwa::new(DwaParams::for_footprint(&Footprint::rectangle(-0.2, 0.3, 0.4).unwrap())).unwrap();
     let path = Path::from_positions(&[Vector2::new(0.6, 0.6), Vector2::new(3.5, 2.0)]).unwrap();
     let limits = MotionLimits::default();
     let person = [MovingObstacle::new(Vector2::new(3.0, 0.5), Vector2::new(0.0, 0.3), 0.2).unwrap()];
@@ -192,7 +204,7 @@ fn the_dynamic_window() {
             map.update(&costmaps[cycle / 10 % 2]).unwrap();
             let request =
                 LocalPlanRequest { state, path: &path, map: &map, obstacles: &person, limits: &limits, dt: 0.1 };
-            state = state.after(&dwa.command(request).unwrap().motion, 0.1);
+            state = state.after(&planner.command(request).unwrap().motion, 0.1);
         }
         state
     };

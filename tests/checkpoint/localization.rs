@@ -36,6 +36,22 @@ fn a_resumed_filter_continues_with_the_same_bits() {
     assert!(filter_bits(&resumed) == filter_bits(&uninterrupted));
 }
 
+/// How far the vehicle has been since is part of the state: stored at the far end of a lap, it knows at the near end.
+#[test]
+fn a_resumed_filter_knows_that_it_has_been_away() {
+    let drive = circle(1);
+    let mut uninterrupted = initialized(200, Par::Seq);
+    localize(&mut uninterrupted, &drive);
+    let (motion, scan) = &drive[0];
+    let away = |x| OdometryIncrement { start_from_end: Se2::new(x, 0.0, 0.0), ..*motion };
+    uninterrupted.predict(&away(2.0)).unwrap();
+    let mut resumed = scan_filter(200, Par::Seq);
+    resumed.restore(&restored(&uninterrupted.checkpoint())).unwrap();
+    resumed.predict(&away(-2.0)).unwrap();
+    assert!(!matches!(resumed.update(scan), Ok(UpdateOutcome::Skipped(SkipReason::LittleMotion))));
+    assert_eq!(resumed.update(scan), Ok(UpdateOutcome::Skipped(SkipReason::LittleMotion)));
+}
+
 #[test]
 fn a_resumed_adaptive_filter_continues_with_the_same_bits() {
     let drive = circle(14);
@@ -108,7 +124,7 @@ fn a_spoilt_checkpoint_is_refused_and_changes_nothing() {
         ("/monitor/params/smoothing", json!(2.0)),
         ("/capacity", json!(usize::MAX)),
         ("/odom_from_base/rotation/cos", json!(7.0)),
-        ("/applied/0/value/translation/0", json!(null)),
+        ("/applied/0/value/odom_from_base/translation/0", json!(null)),
     ] {
         let mut spoilt = good.clone();
         *spoilt.pointer_mut(path).unwrap() = value;

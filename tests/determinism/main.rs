@@ -6,6 +6,7 @@
 
 mod digest;
 mod grids;
+mod local_planning;
 mod localization;
 mod particle_models;
 mod planning;

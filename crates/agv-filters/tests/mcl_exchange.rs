@@ -108,6 +108,25 @@ fn each_sensor_has_its_own_threshold() {
     assert_eq!(mcl.diagnostics().updates, 6);
 }
 
+/// What is seen once a lap is seen from the same place each time, and a lap lies between: it is no repetition.
+#[test]
+fn who_comes_back_after_a_lap_has_moved() {
+    let mut mcl = filter(PerPose(FixModel));
+    let turn = std::f64::consts::FRAC_PI_2;
+    for _ in 0..3 {
+        assert!(is_applied(&mut mcl, &fix(0, 5.0, 5.0)));
+        assert!(!is_applied(&mut mcl, &fix(0, 5.0, 5.0)), "nothing lies between");
+        (0..4).for_each(|_| mcl.predict(&ahead(1.0, turn)).unwrap());
+    }
+    // Rocking on the spot leads nowhere.
+    assert!(is_applied(&mut mcl, &fix(0, 5.0, 5.0)));
+    for _ in 0..20 {
+        mcl.predict(&ahead(0.15, 0.0)).unwrap();
+        mcl.predict(&ahead(-0.15, 0.0)).unwrap();
+        assert!(!is_applied(&mut mcl, &fix(0, 5.0, 5.0)));
+    }
+}
+
 /// The motion is drawn once for all odometry between two updates: its noise does not depend on how finely the odometry is
 /// cut, nor on how many observations were skipped on the way.
 #[test]

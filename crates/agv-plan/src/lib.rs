@@ -8,6 +8,7 @@
 //! - [`hybrid`]: [`HybridAStar`](hybrid::HybridAStar) for vehicles with a turning circle, which plays `GlobalPlanner` too, and
 //!   the curves of Dubins and of Reeds and Shepp.
 //! - [`local`]: what local planners share: the guard that keeps them safe, and what the path asks for.
+//! - [`mppi`]: model predictive path integral control, [`Mppi`](mppi::Mppi), which plays [`LocalPlanner`](agv_core::roles::LocalPlanner).
 //! - [`smooth`]: what turns a path of cells into one that a vehicle likes to follow.
 //! - [`teb`]: the timed elastic band, [`Teb`](teb::Teb), which plays [`LocalPlanner`](agv_core::roles::LocalPlanner).
 //!
@@ -22,6 +23,7 @@ mod error;
 pub mod grid;
 pub mod hybrid;
 pub mod local;
+pub mod mppi;
 pub mod smooth;
 pub mod teb;
 

@@ -11,6 +11,7 @@ use agv_core::roles::{
 };
 use agv_plan::dwa::{Dwa, DwaParams};
 use agv_plan::local::{Tracked, TrackedParams};
+use agv_plan::mppi::{Mppi, MppiParams};
 use rand_distr::{Distribution, Uniform};
 use std::f64::consts::PI;
 
@@ -42,6 +43,24 @@ fn the_dynamic_window_keeps_the_laws() {
         for (seed, posts, clear) in [(0, 0, 0.0), (1, 20, 0.6), (2, 6, 0.0), (3, 14, 0.0), (4, 25, 0.0)] {
             let map = hall(seed, posts, clear);
             let mut planner = Dwa::new(DwaParams::for_footprint(&footprint)).unwrap();
+            let state = VehicleState::new(Se2::new(0.0, 0.1, 0.3), Twist2::ZERO);
+            let request = LocalPlanRequest { state, path: &path, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
+            let heading = if limits.turns_on_the_spot() { 0.11 } else { PI };
+            let verdict = laws::local_planner(&mut planner, request, &footprint, 0.15, heading);
+            assert_eq!(verdict, Ok(()), "{name} among {posts} posts");
+        }
+    }
+}
+
+#[test]
+fn path_integral_control_keeps_the_laws() {
+    let footprint = Footprint::rectangle(-0.25, 0.35, 0.4).unwrap();
+    let path = Path::from_positions(&[Vector2::zeros(), Vector2::new(6.0, 0.0)]).unwrap();
+    for (name, limits) in laws::vehicles() {
+        for (seed, posts, clear) in [(0, 0, 0.0), (1, 20, 0.6), (2, 6, 0.0), (3, 14, 0.0), (4, 25, 0.0)] {
+            let map = hall(seed, posts, clear);
+            let params = MppiParams { samples: 400, ..MppiParams::for_footprint(&footprint) };
+            let mut planner = Mppi::new(params, Seed(seed)).unwrap();
             let state = VehicleState::new(Se2::new(0.0, 0.1, 0.3), Twist2::ZERO);
             let request = LocalPlanRequest { state, path: &path, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
             let heading = if limits.turns_on_the_spot() { 0.11 } else { PI };
@@ -108,18 +127,23 @@ fn everybody_arrives_on_free_ground() {
     let path = Path::from_positions(&[Vector2::zeros(), Vector2::new(6.0, 0.0)]).unwrap();
     let map = hall(0, 0, 0.0);
     for (name, limits) in laws::vehicles() {
-        let mut planner = Dwa::new(DwaParams::for_footprint(&footprint)).unwrap();
-        let mut state = VehicleState::new(Se2::new(0.0, 0.2, 0.4), Twist2::ZERO);
-        let mut arrived = None;
-        for cycle in 0..200 {
-            let request = LocalPlanRequest { state, path: &path, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
-            let command = planner.command(request).unwrap();
-            state = state.after(&command.motion, 0.1);
-            if command.status == LocalPlanStatus::Arrived {
-                arrived = Some(cycle);
-                break;
+        let window = Dwa::new(DwaParams::for_footprint(&footprint)).unwrap();
+        let integral = Mppi::new(MppiParams::for_footprint(&footprint), Seed(1)).unwrap();
+        let planners: [(&str, Box<dyn LocalPlanner>); 2] = [("dwa", Box::new(window)), ("mppi", Box::new(integral))];
+        for (kind, mut planner) in planners {
+            let mut state = VehicleState::new(Se2::new(0.0, 0.2, 0.4), Twist2::ZERO);
+            let mut arrived = None;
+            for cycle in 0..200 {
+                let request =
+                    LocalPlanRequest { state, path: &path, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
+                let command = planner.command(request).unwrap();
+                state = state.after(&command.motion, 0.1);
+                if command.status == LocalPlanStatus::Arrived {
+                    arrived = Some(cycle);
+                    break;
+                }
             }
+            assert!(arrived.is_some_and(|cycle| cycle < 150), "{kind}, {name}: {state:?}");
         }
-        assert!(arrived.is_some_and(|cycle| cycle < 150), "{name}: {state:?}");
     }
 }

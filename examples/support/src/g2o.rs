@@ -95,7 +95,7 @@ impl G2oPose for Se3 {
 ///
 /// # Errors
 /// A file that cannot be read; the first vertex or edge with a field that is missing, not finite or no pose, an information that
-/// is none, or a vertex that is there twice or, in an edge or among those that stay, not at all.
+/// is none, an edge from a vertex to itself, or a vertex that is there twice or, in an edge or among those that stay, not at all.
 pub fn read<G: G2oPose>(path: impl AsRef<Path>) -> Result<G2o<G>, Error> {
     parse(&Input::read(path)?)
 }
@@ -120,6 +120,9 @@ pub fn parse<G: G2oPose>(input: &Input) -> Result<G2o<G>, Error> {
             }
         } else if tag == G::EDGE {
             let (from, to) = (identity(&mut fields, "from")?, identity(&mut fields, "to")?);
+            if from == to {
+                return Err(input.line_error(number, format_args!("vertex {from} is related to itself")));
+            }
             let from_from_to = pose(&mut fields)?;
             let mut entries = vec![0.0; G::DOF * G::DOF];
             for row in 0..G::DOF {
@@ -269,6 +272,7 @@ mod tests {
             ("\nEDGE_SE2 0 1 0 0 0 1 0 0 1 NaN 1", ":2: field 11 (information) must be finite"),
             ("VERTEX_SE2 0 0 0 0 9", ":1: `9` after the 5 fields"),
             ("VERTEX_SE2 3 0 0 0\n\nVERTEX_SE2 3 0 0 0", ":3: vertex 3 is in line 1 already"),
+            ("EDGE_SE2 3 3 0 0 0 1 0 0 1 0 1", ":1: vertex 3 is related to itself"),
             ("VERTEX_SE2 3 0 0 0\nFIX 3 4", ":2: there is no vertex 4"),
             ("FIX", ":1: the line ends before field 2 (id)"),
             ("EDGE_SE2 0 1 0 0 0 1 0 0 1 0 1\nVERTEX_SE2 0 0 0 0", ":1: there is no vertex 1"),

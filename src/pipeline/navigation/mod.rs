@@ -8,11 +8,14 @@
 //!                 +--- no progress: Recovery: look again, rotate, back off, ... give up, with a reason
 //! ```
 
+mod contact;
+mod evasion;
 mod manoeuvre;
 mod params;
 mod progress;
 mod recovery;
 mod route;
+mod search;
 mod status;
 
 use crate::Error;
@@ -28,6 +31,7 @@ use agv_core::{
         PlanOutcome, VehicleState,
     },
 };
+use evasion::Evasion;
 pub use params::NavigationParams;
 use progress::Progress;
 use recovery::Behaviour;
@@ -56,7 +60,8 @@ pub struct NavigationRequest<'a> {
 /// [`RollingCostmap`](agv_core::grid::RollingCostmap) has them. A goal beyond that map is made for through a place at its border. The path
 /// is planned anew every so often and as soon as something stands in it; another way is taken if it is better by a
 /// clear margin, or the one that is followed is blocked. Where the local planner gets nowhere, recovery behaviours follow each
-/// other, and after as many as the parameters allow the navigation gives up and says why. No clock is read: time is what
+/// other, and after as many as the parameters allow the navigation gives up and says why. Until it has arrived or given up, and unless it touches
+/// the map, the vehicle gets out of the way of what moves, where standing would not keep it clear. No clock is read: time is what
 /// the cycles' `dt` add up to.
 ///
 /// The fusions of papers 000, 002 and 003 are this type with their planners: A* and DWA, improved ants and improved DWA, A* or Dijkstra
@@ -71,6 +76,7 @@ pub struct Navigation {
     candidate: Path,
     progress: Progress,
     behaviour: Option<Behaviour>,
+    evasion: Evasion,
     /// Where the vehicle was when the first of the recoveries was begun.
     stuck_at: Option<Se2>,
     /// Recovery behaviours that were begun since it got stuck there.
@@ -81,6 +87,8 @@ pub struct Navigation {
     since_plan: f64,
     /// Seconds for which a moving obstacle has been in the way.
     waited: f64,
+    /// Seconds in which it got out of the way of something, since the last progress.
+    evaded: f64,
     /// Why the last attempt to plan found nothing.
     no_path: Option<NoPathReason>,
     /// What the local planner met last.
@@ -110,11 +118,13 @@ impl Navigation {
             candidate: Path::new(),
             progress: Progress::default(),
             behaviour: None,
+            evasion: Evasion::default(),
             stuck_at: None,
             recoveries: 0,
             escapes: 0,
             since_plan: f64::INFINITY,
             waited: 0.0,
+            evaded: 0.0,
             no_path: None,
             blocked: None,
             ended: None,
@@ -130,8 +140,10 @@ impl Navigation {
         self.goal = Some(*goal);
         self.route.clear();
         self.progress = Progress::default();
+        self.evasion.reset();
         (self.behaviour, self.stuck_at, self.ended, self.blocked, self.no_path) = (None, None, None, None, None);
-        (self.recoveries, self.escapes, self.since_plan, self.waited) = (0, 0, f64::INFINITY, 0.0);
+        (self.recoveries, self.escapes, self.since_plan) = (0, 0, f64::INFINITY);
+        (self.waited, self.evaded) = (0.0, 0.0);
         Ok(())
     }
 
@@ -165,17 +177,50 @@ impl Navigation {
         }
         self.since_plan += request.dt;
         let moved_on = self.progress.update(&request.state.map_from_base, request.dt, self.params.progress_distance);
+        if moved_on {
+            self.evaded = 0.0;
+        }
         if moved_on && self.behaviour.is_none() && self.is_away(&request.state.map_from_base) {
             (self.stuck_at, self.recoveries, self.escapes) = (None, 0, 0);
         }
-        if let Some(command) = self.recover(&request)? {
+        let command = self.advance(&request, &goal)?;
+        self.evade(&request, command)
+    }
+
+    /// What to do, whatever comes.
+    fn advance(&mut self, request: &NavigationRequest<'_>, goal: &Se2) -> Result<NavigationCommand, Error> {
+        if let Some(command) = self.recover(request)? {
             return Ok(command);
         }
-        self.plan(&request, &goal)?;
+        self.plan(request, goal)?;
         if self.route.is_empty() {
-            return self.get_nowhere(&request);
+            return self.get_nowhere(request);
         }
-        self.follow(&request)
+        self.follow(request)
+    }
+
+    /// The same, unless something comes that the vehicle has to get out of the way of.
+    fn evade(
+        &mut self,
+        request: &NavigationRequest<'_>,
+        command: NavigationCommand,
+    ) -> Result<NavigationCommand, Error> {
+        if request.obstacles.is_empty() || self.params.foresight == 0.0 || self.ended.is_some() {
+            return Ok(command);
+        }
+        let target = self.route.place_ahead(request.limits.twist.forward_speed * self.params.foresight);
+        let target = target.unwrap_or_else(|| request.state.map_from_base.translation());
+        let foresight = self.params.foresight;
+        let instead = self.evasion.instead_of(&command.motion, request, &self.footprint, &target, foresight)?;
+        if instead.is_some() {
+            // Neither getting on, nor standing still for nothing: not for ever, though.
+            self.stuck_at = self.stuck_at.and(Some(request.state.map_from_base));
+            self.evaded += request.dt;
+            if self.evaded < self.params.patience {
+                self.progress.pause(request.dt);
+            }
+        }
+        Ok(instead.map_or(command, |motion| NavigationCommand { motion, status: NavigationStatus::Evading, ..command }))
     }
 
     /// Goes on with the recovery behaviour, if there is one.
@@ -270,7 +315,7 @@ impl Navigation {
                 if rest.twist == Twist2::ZERO && self.escapes < self.params.recoveries {
                     self.escapes += 1;
                     self.stuck_at.get_or_insert(request.state.map_from_base);
-                    self.behaviour = Some(Behaviour::escape(request, &self.footprint));
+                    self.behaviour = Some(Behaviour::escape(request, self.route.path()));
                     return answer(NavigationStatus::Recovering(Recovery::Escape));
                 }
             }
@@ -311,7 +356,7 @@ impl Navigation {
             self.ended = Some(NavigationStatus::GaveUp(reason));
             return stop(request, NavigationStatus::GaveUp(reason));
         }
-        let behaviour = Behaviour::new(self.recoveries, request, &self.footprint, self.route.path())?;
+        let behaviour = Behaviour::new(self.recoveries, request, self.route.path(), self.params.look_again);
         self.recoveries += 1;
         self.stuck_at.get_or_insert(request.state.map_from_base);
         let (kind, forget_map) = (behaviour.kind(), behaviour.forgets_map());

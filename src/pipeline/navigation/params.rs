@@ -31,14 +31,20 @@ pub struct NavigationParams {
     pub blocked_time: f64,
     /// How long to wait for an obstacle that moves, in seconds.
     pub patience: f64,
+    /// For how long a course must be left that keeps clear of what moves, in seconds; zero to stand where something comes.
+    pub foresight: f64,
     /// Recovery behaviours before giving up, and as many escapes from contacts beside. Both are counted anew once the vehicle gets
     /// on by itself farther than a metre, and than twice `progress_distance`, from where it got stuck.
     pub recoveries: u32,
+    /// Whether the last resort is to forget the surroundings and see them anew ([`Recovery::LookAgain`](super::Recovery::LookAgain)):
+    /// for scanners that see all around, and maps that keep for ever what was there once.
+    pub look_again: bool,
 }
 
 impl Default for NavigationParams {
     /// Four plans a second, five where something stands in the way; another path must save a tenth, or be the only one; 0.3 m
-    /// in 4 s are progress, where Nav2's checker asks for 0.5 m in 10 s; a round of eight recovery behaviours and half of another.
+    /// in 4 s are progress, where Nav2's checker asks for 0.5 m in 10 s; a round of eight recovery behaviours and half of another, none of them
+    /// forgetting what lies behind.
     fn default() -> Self {
         Self {
             plan_period: 0.25,
@@ -53,7 +59,9 @@ impl Default for NavigationParams {
             progress_time: 4.0,
             blocked_time: 1.0,
             patience: 5.0,
+            foresight: 2.5,
             recoveries: 12,
+            look_again: false,
         }
     }
 }
@@ -75,6 +83,7 @@ impl NavigationParams {
         check::in_range("cost_weight", self.cost_weight, 0.0, 50.0)?;
         check::non_negative("border", self.border)?;
         check::non_negative("patience", self.patience)?;
+        check::in_range("foresight", self.foresight, 0.0, 30.0)?;
         if self.reach != f64::INFINITY {
             check::positive("reach", self.reach)?;
         }

@@ -1,12 +1,15 @@
 //! What to do where neither planner knows a way: small motions that are checked, and another look.
 
-use super::{NavigationRequest, manoeuvre::Manoeuvre};
+use super::{
+    NavigationRequest, contact,
+    manoeuvre::Manoeuvre,
+    search::{Found, Search},
+};
 use crate::Error;
 use agv_core::{
     geometry::{LieGroup, Se2, Twist2, wrap_angle},
     grid::Footprint,
     kinematics::Motion,
-    nalgebra::Vector2,
     path::Path,
 };
 
@@ -16,7 +19,7 @@ use agv_core::{
 pub enum Recovery {
     /// Stands while the surroundings are forgotten and seen anew.
     LookAgain,
-    /// Drives straight pieces and turns on the spot that a search found, to a place ahead on the path.
+    /// Drives straight pieces, turns on the spot and tight arcs that a search found, to a place ahead on the path.
     Manoeuvre,
     /// Turns on the spot to where the path leads.
     Rotate,
@@ -33,21 +36,27 @@ pub(super) struct Behaviour {
     start: Se2,
     /// Heading to turn to, in radians.
     heading: f64,
+    /// Way to back off, in metres.
+    back: f64,
     /// Seconds since it began.
     time: f64,
-    /// Least room that a way out may leave, in metres.
-    floor: f64,
+    /// The search for a manoeuvre, as long as it takes, and what is done if it finds none.
+    search: Option<Search>,
+    otherwise: Recovery,
+    /// Seconds of the search.
+    sought: f64,
     manoeuvre: Manoeuvre,
 }
 
 /// Longest a behaviour takes, in seconds; a manoeuvre of many pieces may take longer.
 const LONGEST: f64 = 3.0;
 const LONGEST_MANOEUVRE: f64 = 15.0;
+const LONGEST_SEARCH: f64 = 10.0;
 /// How long it may take to come to rest after that, in seconds: then it ends, whatever the estimate says.
 const OVERTIME: f64 = 2.0;
 /// How long a vehicle stands to look again, in seconds: some scans.
 const LOOK: f64 = 0.3;
-/// Way back, in metres.
+/// Least way back, in metres.
 const BACK: f64 = 0.3;
 /// Speed of a recovery, in metres per second and radians per second.
 const SPEED: f64 = 0.3;
@@ -62,18 +71,12 @@ const GAIN: f64 = 1e-3;
 
 impl Behaviour {
     /// The behaviour that follows `before` others without progress; where a manoeuvre is due and none is found, the one after it.
-    pub(super) fn new(
-        before: u32,
-        request: &NavigationRequest<'_>,
-        footprint: &Footprint,
-        path: &Path,
-    ) -> Result<Self, Error> {
-        let manoeuvre = if before.is_multiple_of(2) { Manoeuvre::find(request, footprint, path)? } else { None };
-        // Forgetting what was seen loses what lies behind: the last resort.
-        let kind = match before % 8 {
-            7 => Recovery::LookAgain,
-            0 | 2 | 4 | 6 if manoeuvre.is_some() => Recovery::Manoeuvre,
-            0 | 1 | 4 | 5 => Recovery::Rotate,
+    pub(super) fn new(before: u32, request: &NavigationRequest<'_>, path: &Path, look_again: bool) -> Self {
+        let steers = request.limits.steering.is_some();
+        let otherwise = match before % 8 {
+            // Forgetting what was seen loses what lies behind: the last resort.
+            7 if look_again => Recovery::LookAgain,
+            0 | 1 | 4 | 5 if !steers => Recovery::Rotate,
             _ => Recovery::BackOff,
         };
         let start = request.state.map_from_base;
@@ -81,19 +84,29 @@ impl Behaviour {
         let ahead = path.points().iter().map(|point| point.pose.translation() - start.translation());
         let heading =
             ahead.skip_while(|way| way.norm() < 0.5).map(|way| way.y.atan2(way.x)).next().unwrap_or(start.yaw() + 2.0);
-        Ok(Self { kind, start, heading, time: 0.0, floor: 0.0, manoeuvre: manoeuvre.unwrap_or_default() })
+        let search = if before.is_multiple_of(2) { Search::new(request, path) } else { None };
+        // A vehicle that steers needs way to get beside what stands before it: each time more.
+        let back = if steers { BACK * f64::from(1 + before % 8) } else { BACK };
+        Self { heading, back, ..Self::searching(request, search, otherwise) }
     }
 
-    /// The way out of a contact.
-    pub(super) fn escape(request: &NavigationRequest<'_>, footprint: &Footprint) -> Self {
+    /// The way out of a contact: one that leads on along the path if there is one, else to more room.
+    pub(super) fn escape(request: &NavigationRequest<'_>, path: &Path) -> Self {
+        Self::searching(request, Search::new(request, path), Recovery::Escape)
+    }
+
+    fn searching(request: &NavigationRequest<'_>, search: Option<Search>, otherwise: Recovery) -> Self {
+        let kind = if search.is_some() { Recovery::Manoeuvre } else { otherwise };
         let start = request.state.map_from_base;
         Self {
-            kind: Recovery::Escape,
+            kind,
+            otherwise,
             start,
             heading: 0.0,
+            back: BACK,
             time: 0.0,
-            // On the way some may be lost, within what cells can tell.
-            floor: room(request, footprint, &start) - 0.2 * request.map.layout().resolution(),
+            search,
+            sought: 0.0,
             manoeuvre: Manoeuvre::default(),
         }
     }
@@ -114,16 +127,40 @@ impl Behaviour {
         footprint: &Footprint,
     ) -> Result<Option<Motion>, Error> {
         let (now, dt, limits) = (request.state.motion(), request.dt, request.limits);
-        self.time += dt;
         let rest = limits.brake(&now, dt)?;
         // Within this cycle: an estimate of a vehicle at rest is never quite zero.
         let stands = rest.twist == Twist2::ZERO;
-        let longest = if self.kind == Recovery::Manoeuvre { LONGEST_MANOEUVRE } else { LONGEST };
+        if let Some(search) = &mut self.search {
+            self.sought += dt;
+            let is_over = self.sought > LONGEST_SEARCH;
+            if !stands && !is_over {
+                return Ok(Some(rest));
+            }
+            search.stay_with(&request.state.map_from_base);
+            match search.go_on(request, footprint)? {
+                Found::NotYet if !is_over => return Ok(Some(rest)),
+                Found::Way(manoeuvre) => self.manoeuvre = manoeuvre,
+                Found::NotYet | Found::NoWay => self.kind = self.otherwise,
+            }
+            self.search = None;
+            self.start = request.state.map_from_base;
+        }
+        self.time += dt;
+        let longest = match self.kind {
+            Recovery::Manoeuvre => LONGEST_MANOEUVRE,
+            Recovery::BackOff => LONGEST + self.back / SPEED,
+            _ => LONGEST,
+        };
         if self.time > longest + if stands { 0.0 } else { OVERTIME } {
             return Ok(None);
         }
         let wish = match self.kind {
-            Recovery::Escape => return self.creep(request, footprint, &rest),
+            // The next look may show a way.
+            Recovery::Escape => match creep(request, footprint)? {
+                Some(wish) => wish,
+                None if self.time > LOOK => Twist2::ZERO,
+                None => return Ok(Some(rest)),
+            },
             Recovery::LookAgain if self.time > LOOK => return Ok(None),
             Recovery::LookAgain => Twist2::ZERO,
             Recovery::Manoeuvre => match self.manoeuvre.wish(request, stands) {
@@ -142,7 +179,7 @@ impl Behaviour {
             }
             Recovery::BackOff => {
                 let back = -self.start.between(&request.state.map_from_base).x();
-                if back >= BACK { Twist2::ZERO } else { Twist2::new(-SPEED, 0.0, 0.0) }
+                if back >= self.back { Twist2::ZERO } else { Twist2::new(-SPEED, 0.0, 0.0) }
             }
         };
         if wish == Twist2::ZERO || self.time > longest {
@@ -154,59 +191,45 @@ impl Behaviour {
         let twist = motion.twist;
         let stop =
             dt + (twist.vx.abs() / limits.twist.deceleration).max(twist.yaw_rate.abs() / limits.twist.yaw_acceleration);
-        let in_the_way = request.map.collides_along(footprint, &request.state.map_from_base, &twist, stop)?
+        let in_the_way = !contact::may_pass(request, footprint, &request.state.map_from_base, &twist, stop)?
             || request.obstacles.iter().any(|obstacle| {
                 let distance = obstacle.distance_after(0.0, &request.state.map_from_base.translation());
                 distance < footprint.circumscribed_radius() + 0.2
             });
         if in_the_way {
-            return Ok((!stands).then_some(rest));
+            // Out of a contact there is nothing else to do than to wait.
+            return Ok((!stands || self.kind == Recovery::Escape).then_some(rest));
         }
         Ok(Some(motion))
     }
+}
 
-    /// The slow motion that gains most room and loses hardly any on the way; none once nothing is near, or no motion gains any.
-    fn creep(
-        &self,
-        request: &NavigationRequest<'_>,
-        footprint: &Footprint,
-        rest: &Motion,
-    ) -> Result<Option<Motion>, Error> {
-        let (here, now, dt) = (request.state.map_from_base, request.state.motion(), request.dt);
-        let is_over = self.time > LONGEST || !request.map.obstacles().collides_within(footprint, &here, CLEAR)?;
-        let before = room(request, footprint, &here);
-        let mut best = (GAIN, None);
-        for vx in [-SPEED, 0.0, SPEED] {
-            for yaw_rate in [-TURN_RATE, 0.0, TURN_RATE] {
-                let turns = yaw_rate == 0.0 || request.limits.steering.is_none();
-                let twist = Twist2::new(vx, 0.0, yaw_rate);
-                if !turns {
-                    continue;
+/// The slow motion that gains most room; standing once nothing is near, none if no motion gains any.
+fn creep(request: &NavigationRequest<'_>, footprint: &Footprint) -> Result<Option<Twist2>, Error> {
+    let here = request.state.map_from_base;
+    if !request.map.obstacles().collides_within(footprint, &here, CLEAR)? {
+        return Ok(Some(Twist2::ZERO));
+    }
+    let backs = request.limits.twist.reverse_speed > 0.0;
+    let before = contact::room(request, footprint, &here);
+    let mut best = (GAIN, None);
+    for vx in [-SPEED, 0.0, SPEED].into_iter().filter(|&vx| backs || vx >= 0.0) {
+        for yaw_rate in [-TURN_RATE, 0.0, TURN_RATE] {
+            let turns = yaw_rate == 0.0 || request.limits.steering.is_none();
+            let twist = Twist2::new(vx, 0.0, yaw_rate);
+            for looks in (1..=LOOKS).filter(|_| turns).map(|look| look as f64) {
+                let duration = looks * CREEP;
+                if !contact::may_pass(request, footprint, &here, &twist, duration)? {
+                    break;
                 }
-                let after = |k: usize| room(request, footprint, &(here * twist.integrate(CREEP * k as f64)));
                 // The later it is gained, the more it must be.
-                let gains = (1..=LOOKS).map(|k| (after(k), k as f64)).take_while(|&(room, _)| room > self.floor);
-                let gain = gains.map(|(room, k)| (room - before) / k).fold(0.0, f64::max);
+                let room = contact::room(request, footprint, &(here * twist.integrate(duration)));
+                let gain = (room - before) / looks;
                 if gain > best.0 {
                     best = (gain, Some(twist));
                 }
             }
         }
-        match best.1.filter(|_| !is_over) {
-            Some(twist) => Ok(Some(request.limits.step(&now, &twist.into(), dt)?)),
-            None if rest.twist == Twist2::ZERO => Ok(None),
-            None => Ok(Some(*rest)),
-        }
     }
-}
-
-/// Least distance of the outline from an obstacle's centre, in metres.
-fn room(request: &NavigationRequest<'_>, footprint: &Footprint, pose: &Se2) -> f64 {
-    const PIECES: usize = 4;
-    let distance = |point: &Vector2<f64>| request.map.distance_at(&(*pose * *point)).map_or(f64::INFINITY, |(d, _)| d);
-    let circles = footprint.circles().map(|(x, radius)| distance(&Vector2::new(x, 0.0)) - radius);
-    let vertices = footprint.vertices().unwrap_or_default();
-    let edges = vertices.iter().zip(vertices.iter().cycle().skip(1));
-    let outline = edges.flat_map(|(a, b)| (0..PIECES).map(move |k| a + (b - a) * (k as f64 / PIECES as f64)));
-    outline.map(|point| distance(&point)).chain(circles).fold(f64::INFINITY, f64::min)
+    Ok(best.1)
 }

@@ -3,7 +3,7 @@
 use super::NavigationParams;
 use crate::Error;
 use agv_core::{
-    geometry::{LieGroup, Se2},
+    geometry::{LieGroup, Se2, nearest_on_segment},
     grid::{Costmap, GridLayout, cost},
     nalgebra::Vector2,
     path::Path,
@@ -53,7 +53,7 @@ impl Route {
         let (mut best, mut found, mut from, mut far) = (f64::INFINITY, None, self.place, 0.0);
         for (index, point) in points.iter().enumerate().skip(self.next.max(1)) {
             let to = point.pose.translation();
-            let nearest = nearest_on(&from, &to, &position);
+            let nearest = nearest_on_segment(position, from, to);
             let distance = (nearest - position).norm();
             if distance < best {
                 (best, found) = (distance, Some((index, nearest)));
@@ -75,6 +75,21 @@ impl Route {
         let places = std::iter::once(self.place).chain(rest.iter().map(|point| point.pose.translation()));
         let (total, blocked_at) = survey(places, costmap, params);
         (blocked_at > params.look_ahead).then_some(total)
+    }
+
+    /// The point of the path so many metres from the vehicle's place, or its end; none without a path.
+    pub(super) fn place_ahead(&self, mut distance: f64) -> Option<Vector2<f64>> {
+        let mut from = self.place;
+        for point in self.path.points().iter().skip(self.next) {
+            let to = point.pose.translation();
+            let length = (to - from).norm();
+            if length >= distance && length > 0.0 {
+                return Some(from + (to - from) * (distance / length));
+            }
+            distance -= length;
+            from = to;
+        }
+        (!self.path.is_empty()).then_some(from)
     }
 
     /// The path up to the first of its points that lies `reach` metres ahead.
@@ -157,11 +172,4 @@ pub(super) fn target_in(layout: &GridLayout, here: &Se2, goal: &Se2, border: f64
     let place = here.translation() + (goal.translation() - here.translation()) * share.max(0.0);
     let way = goal.translation() - place;
     Se2::new(place.x, place.y, way.y.atan2(way.x))
-}
-
-fn nearest_on(a: &Vector2<f64>, b: &Vector2<f64>, point: &Vector2<f64>) -> Vector2<f64> {
-    let along = b - a;
-    let length = along.norm_squared();
-    let share = if length > 0.0 { ((point - a).dot(&along) / length).clamp(0.0, 1.0) } else { 0.0 };
-    a + along * share
 }

@@ -29,6 +29,8 @@ pub enum NavigationStatus {
     Following,
     /// Standing, or braking, for what is in the way.
     Waiting(BlockReason),
+    /// Getting out of the way of what moves.
+    Evading,
     /// Getting free.
     Recovering(Recovery),
     /// At the goal.

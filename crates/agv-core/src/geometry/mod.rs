@@ -25,6 +25,7 @@ pub use covariance::{UncertainPose, propagate_covariance};
 pub use group::LieGroup;
 pub use mean::{CircularMean, PoseMean, circular_mean, pose_mean};
 pub use observability::{PoseSigma, bounded_covariance, observed_information, unobserved_directions};
+pub use outline::nearest_on_segment;
 pub use se2::Se2;
 pub use se3::Se3;
 pub use so2::So2;

@@ -12,8 +12,9 @@
 //! | Geman–McClure | c² s / (c² + s) | (c² / (c² + s))² | falls with its cube |
 //! | dynamic covariance scaling | s; c² (3 s - c²) / (c² + s) beyond c² | 1; (2 c² / (c² + s))² | falls with its cube |
 //!
-//! The last is what remains of a switch for each residual, with a price `c²` for turning it off, when the best switch is put in
-//! (Agarwal et al., *Robust map optimization using dynamic covariance scaling*, 2013).
+//! The last scales a residual by the greatest switch from 0 to 1, `min(1, 2 c² / (c² + s))`, with which keeping it costs no more than
+//! the price `c²` of turning it off (Agarwal et al., *Robust map optimization using dynamic covariance scaling*, 2013); the best
+//! switch would give Geman–McClure.
 
 use crate::{Error, check};
 

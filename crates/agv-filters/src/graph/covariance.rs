@@ -12,7 +12,7 @@ const UNDETERMINED: f64 = 1e12;
 
 impl<G: LieGroup> PoseGraphSolver<G> {
     /// Covariance of a pose of the graph that was optimised last, in the frame of that pose, given the poses that stay; none if
-    /// the relations do not determine it. The first call factors the sums, each solves once per degree of freedom: linear in the
+    /// the relations leave it undetermined; where they leave another one so, there may be none either. The first call factors the sums, each solves once per degree of freedom: linear in the
     /// entries of the factor.
     ///
     /// Robust kernels count as they did at the minimum.
@@ -25,7 +25,7 @@ impl<G: LieGroup> PoseGraphSolver<G> {
     }
 
     /// Covariance of where one pose lies in the frame of another, in the frame of `to`: what a new relation between the two is to be
-    /// compared with. `graph` is the one that was optimised last; none if its relations do not determine the poses, or if it has
+    /// compared with. `graph` is the one that was optimised last; none if its relations leave poses undetermined, or if it has
     /// not both of them. Twice the work of [`covariance`](Self::covariance).
     pub fn relative_covariance(&mut self, graph: &PoseGraph<G>, from: PoseId, to: PoseId) -> Option<G::Matrix> {
         let (first, second) = (*self.blocks.get(from.index())?, *self.blocks.get(to.index())?);

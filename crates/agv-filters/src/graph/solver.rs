@@ -17,7 +17,7 @@ pub struct PoseGraphSolverParams {
     /// When to stop, and how boldly to start.
     pub descent: LevenbergMarquardtParams,
     /// By how much a stage of [`optimize_graduated`](PoseGraphSolver::optimize_graduated) narrows the kernels: the factor of their
-    /// squared scales, above one.
+    /// squared scales, at least 1.01.
     pub graduation: f64,
 }
 
@@ -60,7 +60,7 @@ impl<G: LieGroup> PoseGraphSolver<G> {
     /// A solver.
     ///
     /// # Errors
-    /// Tolerances that cannot be some, and [`Error::OutOfRange`] for a graduation that is not above one.
+    /// Tolerances that cannot be some, and [`Error::OutOfRange`] for a graduation below 1.01.
     pub fn new(params: PoseGraphSolverParams) -> Result<Self, Error> {
         LevenbergMarquardt::new(params.descent)?;
         check::in_range("graduation", params.graduation, 1.01, f64::MAX)?;
@@ -85,7 +85,7 @@ impl<G: LieGroup> PoseGraphSolver<G> {
     /// stage; give those that may be false a bounded kernel, [`GemanMcClure`](agv_core::solve::RobustKernel::GemanMcClure) or
     /// [`DynamicCovarianceScaling`](agv_core::solve::RobustKernel::DynamicCovarianceScaling).
     ///
-    /// The report counts the steps of all stages. There are about `ln(2 s / c²) / ln(graduation)` of them for a worst squared
+    /// Unlike there the cost may end higher than it began: the stages lower other ones. The report counts the steps of all stages. There are about `ln(2 s / c²) / ln(graduation)` of them for a worst squared
     /// residual `s` and a scale `c`.
     ///
     /// # Errors
@@ -116,7 +116,10 @@ impl<G: LieGroup> PoseGraphSolver<G> {
         let mut problem = GraphProblem { relations, priors, blocks, widening: 1.0 };
         let mut steps = 0;
         if graduated {
-            let descent = LevenbergMarquardtParams { max_iterations: STEPS_PER_STAGE, ..self.params.descent };
+            let descent = LevenbergMarquardtParams {
+                max_iterations: STEPS_PER_STAGE.min(self.params.descent.max_iterations),
+                ..self.params.descent
+            };
             let descent = LevenbergMarquardt::new(descent)?;
             let mut widening = first_widening(&problem, &poses)?;
             while widening > 1.0 {
@@ -166,8 +169,8 @@ fn free_steps<G: LieGroup>(
     steps
 }
 
-/// By what the squared scales of the kernels are to be multiplied first: `2 s / c²` of the worst relation, so that the cost of all of
-/// them is convex (Yang et al., remark 5).
+/// By what the squared scales of the kernels are to be multiplied first: `2 s / c²` of the worst relation, so that even the
+/// worst counts nearly in full, by (2/3)² under Geman–McClure (Yang et al., remark 5).
 fn first_widening<G: LieGroup>(problem: &GraphProblem<'_, G>, poses: &[G]) -> Result<f64, Error> {
     let scaled = problem.squares(poses).filter_map(|(kernel, square)| Some(2.0 * square / kernel.scale()?.powi(2)));
     let worst = scaled.fold(0.0, |worst: f64, scaled| if scaled > worst || scaled.is_nan() { scaled } else { worst });

@@ -204,7 +204,9 @@ impl Factor {
         let needed = symbolic.factorize_numeric_llt_scratch::<f64>(Par::Seq, faer::Spec::default());
         let needed = needed.or(symbolic.solve_in_place_scratch::<f64>(1, Par::Seq));
         let memory = MemBuffer::try_new(needed).map_err(|_| TOO_LARGE)?;
-        let values = vec![0.0; symbolic.len_val()];
+        let mut values = Vec::new();
+        values.try_reserve_exact(symbolic.len_val()).map_err(|_| TOO_LARGE)?;
+        values.resize(symbolic.len_val(), 0.0);
         Ok(Self { symbolic, damped: vec![0.0; row_indices.len()], values, memory })
     }
 

@@ -27,6 +27,7 @@ mod params;
 mod sighting;
 mod state;
 mod track;
+mod view;
 
 pub use filter::{LandmarkFilter, Learnt};
 pub use map::LandmarkMap;
@@ -34,3 +35,4 @@ pub use odometry::{CalibratedOdometry, MotionPiece};
 pub use params::{CalibrationPriors, EstimateClock, LandmarkFilterParams, OdometryNoise, Prior, RangeKind};
 pub use sighting::Sighting;
 pub use state::{CalibratedPose, DEGREES, PARAMETERS, Parameter};
+pub(crate) use view::View;

@@ -7,10 +7,10 @@
 //! z_β = β + b_0 + b_1 sin β + b_2 (1 - cos β)
 //! ```
 
-use super::{CalibratedPose, DEGREES, Parameter, RangeKind};
+use super::{CalibratedPose, DEGREES, Parameter, RangeKind, view::View};
 use crate::kalman::{Expected, MeasurementModel};
 use agv_core::geometry::{LieGroup, Se2, angle_difference, wrap_angle};
-use nalgebra::{Matrix2, Matrix2x3, SMatrix, Vector2, Vector3};
+use nalgebra::{Matrix2, RowVector2, SMatrix, Vector2, Vector3};
 
 /// A [`MeasurementModel`] of a [`CalibratedPose`]: range in metres and bearing in radians of a landmark.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -31,66 +31,51 @@ pub struct Sighting {
     pub delay: f64,
 }
 
-/// A landmark in the sensor frame, and how it moves there.
-struct View {
-    seen: Vector2<f64>,
-    by_increment: SMatrix<f64, 2, DEGREES>,
+/// How the vehicle has moved between the state's time and the moment of the sighting, and what it sees then.
+struct Moment {
+    since: Se2,
+    view: View,
 }
 
 impl Sighting {
-    fn view(&self, state: &CalibratedPose) -> View {
+    fn moment(&self, state: &CalibratedPose) -> Moment {
         let since = Se2::exp(&(self.twist * (self.delay - state.get(Parameter::Latency))));
         let moved = state.map_from_base * since;
-        let in_base = moved.inverse().act(&self.landmark);
-        let seen = self.base_from_sensor.inverse().act(&in_base);
-        let turn = self.base_from_sensor.rotation().inverse();
-        // A right increment (e, φ) of the moved pose: d in_base = -e - φ (-y, x) of in_base.
-        let by_moved = Matrix2x3::new(-1.0, 0.0, in_base.y, 0.0, -1.0, -in_base.x);
-        let by_moved = Matrix2x3::from_columns(&[
-            turn.act(&by_moved.column(0).into_owned()),
-            turn.act(&by_moved.column(1).into_owned()),
-            turn.act(&by_moved.column(2).into_owned()),
-        ]);
-        let mut by_increment = SMatrix::<f64, 2, DEGREES>::zeros();
-        by_increment.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_moved * since.inverse().adjoint()));
-        by_increment.set_column(Parameter::Latency.row(), &(-(by_moved * self.twist)));
-        View { seen, by_increment }
+        Moment { since, view: View::of(&moved, &self.base_from_sensor, &self.landmark) }
     }
 
     /// Range before scale and bias, in metres.
-    fn extent(&self, seen: &Vector2<f64>) -> f64 {
+    fn extent(&self, view: &View) -> f64 {
         match self.range_kind {
-            RangeKind::Distance => seen.norm(),
-            RangeKind::Depth => seen.x,
+            RangeKind::Distance => view.distance(),
+            RangeKind::Depth => view.seen.x,
         }
     }
 
-    fn reading(&self, state: &CalibratedPose, seen: &Vector2<f64>) -> Vector2<f64> {
-        let bearing = seen.y.atan2(seen.x);
+    fn reading(&self, state: &CalibratedPose, view: &View) -> Vector2<f64> {
+        let bearing = view.bearing();
         let (sin, cos) = bearing.sin_cos();
         let error = state.get(Parameter::BearingBias)
             + state.get(Parameter::BearingSine) * sin
             + state.get(Parameter::BearingCosine) * (1.0 - cos);
-        let range = (1.0 + state.get(Parameter::RangeScale)) * self.extent(seen) + state.get(Parameter::RangeBias);
+        let range = (1.0 + state.get(Parameter::RangeScale)) * self.extent(view) + state.get(Parameter::RangeBias);
         Vector2::new(range, wrap_angle(bearing + error))
     }
 
-    fn jacobian_at(&self, state: &CalibratedPose, view: &View) -> SMatrix<f64, 2, DEGREES> {
-        let seen = &view.seen;
-        let squared = seen.norm_squared();
-        let range = squared.sqrt();
-        let (sin, cos) = (seen.y / range, seen.x / range);
+    fn jacobian_at(&self, state: &CalibratedPose, Moment { since, view }: &Moment) -> SMatrix<f64, 2, DEGREES> {
+        let polar = view.polar_by_seen();
+        let (cos, sin) = (polar.m11, polar.m12);
         let by_seen = match self.range_kind {
-            RangeKind::Distance => Vector2::new(cos, sin),
-            RangeKind::Depth => Vector2::new(1.0, 0.0),
+            RangeKind::Distance => polar.row(0).into_owned(),
+            RangeKind::Depth => RowVector2::new(1.0, 0.0),
         };
         let stretch = 1.0 + state.get(Parameter::BearingSine) * cos + state.get(Parameter::BearingCosine) * sin;
-        let by_view = Matrix2::from_rows(&[
-            (by_seen * (1.0 + state.get(Parameter::RangeScale))).transpose(),
-            (Vector2::new(-seen.y, seen.x) * (stretch / squared)).transpose(),
-        ]);
-        let mut jacobian = by_view * view.by_increment;
-        jacobian[(0, Parameter::RangeScale.row())] = self.extent(seen);
+        let by_view = Matrix2::from_rows(&[by_seen * (1.0 + state.get(Parameter::RangeScale)), polar.row(1) * stretch]);
+        let by_moved = by_view * view.by_pose;
+        let mut jacobian = SMatrix::<f64, 2, DEGREES>::zeros();
+        jacobian.fixed_view_mut::<2, 3>(0, 0).copy_from(&(by_moved * since.inverse().adjoint()));
+        jacobian.set_column(Parameter::Latency.row(), &(-(by_moved * self.twist)));
+        jacobian[(0, Parameter::RangeScale.row())] = self.extent(view);
         jacobian[(0, Parameter::RangeBias.row())] = 1.0;
         jacobian[(1, Parameter::BearingBias.row())] = 1.0;
         jacobian[(1, Parameter::BearingSine.row())] = sin;
@@ -98,8 +83,8 @@ impl Sighting {
         jacobian
     }
 
-    fn noise_at(&self, seen: &Vector2<f64>) -> Matrix2<f64> {
-        let growing = self.range_share * self.extent(seen);
+    fn noise_at(&self, view: &View) -> Matrix2<f64> {
+        let growing = self.range_share * self.extent(view);
         let mut noise = self.covariance;
         noise[(0, 0)] += growing * growing;
         noise
@@ -110,15 +95,15 @@ impl MeasurementModel<CalibratedPose, DEGREES, 2> for Sighting {
     type Value = Vector2<f64>;
 
     fn predict(&self, state: &CalibratedPose) -> Vector2<f64> {
-        self.reading(state, &self.view(state).seen)
+        self.reading(state, &self.moment(state).view)
     }
 
     fn jacobian(&self, state: &CalibratedPose) -> SMatrix<f64, 2, DEGREES> {
-        self.jacobian_at(state, &self.view(state))
+        self.jacobian_at(state, &self.moment(state))
     }
 
     fn noise(&self, state: &CalibratedPose) -> Matrix2<f64> {
-        self.noise_at(&self.view(state).seen)
+        self.noise_at(&self.moment(state).view)
     }
 
     fn residual(&self, measured: &Vector2<f64>, expected: &Vector2<f64>) -> Vector2<f64> {
@@ -126,11 +111,11 @@ impl MeasurementModel<CalibratedPose, DEGREES, 2> for Sighting {
     }
 
     fn linearize(&self, state: &CalibratedPose) -> Expected<Vector2<f64>, DEGREES, 2> {
-        let view = self.view(state);
+        let moment = self.moment(state);
         Expected {
-            value: self.reading(state, &view.seen),
-            jacobian: self.jacobian_at(state, &view),
-            noise: self.noise_at(&view.seen),
+            value: self.reading(state, &moment.view),
+            jacobian: self.jacobian_at(state, &moment),
+            noise: self.noise_at(&moment.view),
         }
     }
 }

@@ -13,6 +13,7 @@
 //! left out.
 
 use super::rigid_fit::rigid_motion;
+use crate::landmark::View;
 use agv_core::{
     Error, check,
     geometry::{LieGroup, Se2, UncertainPose, UncertainVector, wrap_angle},
@@ -62,23 +63,15 @@ impl Weighted {
     /// Range and bearing that a vehicle at the pose would read, their Jacobians by the pose's right increment and by the
     /// place; none on top of the landmark.
     fn predicted(&self, map_from_base: &Se2) -> Option<(Vector2<f64>, Matrix2x3<f64>, Matrix2<f64>)> {
-        let seen = (*map_from_base * self.sensor).inverse().act(&self.place);
-        let distance = seen.norm();
+        let view = View::of(map_from_base, &self.sensor, &self.place);
+        let distance = view.distance();
         if distance < NEAREST {
             return None;
         }
-        let polar =
-            Matrix2::new(seen.x / distance, seen.y / distance, -seen.y / distance.powi(2), seen.x / distance.powi(2));
-        // s = S⁻¹ X⁻¹ a; with X ⊕ τ, X⁻¹ a moves by (-τ_xy - τ_θ × b), b being the place in the base frame.
-        let in_base = map_from_base.inverse().act(&self.place);
-        let turn = |pose: &Se2| {
-            let (cos, sin) = (pose.rotation().cos(), pose.rotation().sin());
-            Matrix2::new(cos, sin, -sin, cos)
-        };
-        let by_increment = Matrix2x3::new(-1.0, 0.0, in_base.y, 0.0, -1.0, -in_base.x);
-        let by_pose = polar * turn(&self.sensor) * by_increment;
-        let by_place = polar * turn(&(*map_from_base * self.sensor));
-        Some((Vector2::new(distance, seen.y.atan2(seen.x)), by_pose, by_place))
+        let polar = view.polar_by_seen();
+        let turn = (*map_from_base * self.sensor).rotation();
+        let by_place = polar * Matrix2::new(turn.cos(), turn.sin(), -turn.sin(), turn.cos());
+        Some((Vector2::new(distance, view.bearing()), polar * view.by_pose, by_place))
     }
 
     /// The whitened residual and its Jacobian.

@@ -13,6 +13,7 @@ mod amcl;
 mod chi_square;
 mod cluster;
 mod draw;
+mod excursion;
 mod exp;
 mod free_space;
 mod gaussian;

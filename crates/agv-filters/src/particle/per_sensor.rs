@@ -50,6 +50,11 @@ impl<T> PerSensor<T> {
         &mut self.entries[index].value
     }
 
+    /// The values of all sensors.
+    pub(super) fn values_mut(&mut self) -> impl Iterator<Item = &mut T> {
+        self.entries.iter_mut().map(|entry| &mut entry.value)
+    }
+
     /// Takes the values of another table, into its own memory.
     #[cfg(feature = "serde")]
     pub(super) fn assign(&mut self, other: &Self)

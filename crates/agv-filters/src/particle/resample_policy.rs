@@ -15,12 +15,24 @@ pub struct ResampleContext {
     pub updates: u64,
     /// How the vehicle has moved since then: the base now, in the base frame of then.
     pub motion: Se2,
+    /// How far it has been from there at most, in metres.
+    pub distance: f64,
+    /// How much it has been turned from then at most, in radians.
+    pub angle: f64,
 }
 
 impl ResampleContext {
-    /// A set of `count` particles, `updates` and `motion` after it was last drawn anew.
-    pub const fn new(weights: WeightSummary, count: usize, updates: u64, motion: Se2) -> Self {
-        Self { weights, count, updates, motion }
+    /// A set of `count` particles, `updates` and `motion` after it was last drawn anew, and never farther from there than now.
+    pub fn new(weights: WeightSummary, count: usize, updates: u64, motion: Se2) -> Self {
+        let (distance, angle) = (motion.translation().norm(), motion.yaw().abs());
+        Self { weights, count, updates, motion, distance, angle }
+    }
+
+    /// The same of a vehicle that has been that far from there, in metres, and turned that much, in radians; what is less than its
+    /// motion is the motion.
+    #[must_use]
+    pub const fn having_been(self, distance: f64, angle: f64) -> Self {
+        Self { distance: distance.max(self.distance), angle: angle.max(self.angle), ..self }
     }
 }
 
@@ -133,10 +145,10 @@ impl ResamplePolicy for EveryNth {
     }
 }
 
-/// Resample once the vehicle has moved: a vehicle that stands must not lose its diversity to repeated draws.
+/// Resample once the vehicle has been away: a vehicle that stands must not lose its diversity to repeated draws.
 impl ResamplePolicy for MotionThreshold {
     fn is_due(&self, context: &ResampleContext) -> bool {
-        self.is_reached(&context.motion)
+        self.is_reached(context.distance, context.angle)
     }
 }
 
@@ -206,6 +218,8 @@ mod tests {
         assert!(EveryNth(0).is_due(&context) && EveryNth(4).is_due(&context) && !EveryNth(5).is_due(&context));
         let moved = |distance| ResamplePolicy::is_due(&MotionThreshold { distance, angle: 1.0 }, &context);
         assert!(moved(0.4) && !moved(0.6));
+        let away = context.having_been(3.0, 0.0);
+        assert!(ResamplePolicy::is_due(&MotionThreshold { distance: 2.0, angle: 1.0 }, &away));
     }
 
     #[test]

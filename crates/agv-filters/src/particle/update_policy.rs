@@ -11,12 +11,23 @@ pub struct UpdateContext {
     /// How the vehicle has moved since the last observation of that sensor that was applied: the base now, in the base
     /// frame of then.
     pub motion: Se2,
+    /// How far from there it has been at most since, in metres: after a lap it may be where it was, and has been far.
+    pub distance: f64,
+    /// How much it has been turned from then at most, in radians.
+    pub angle: f64,
 }
 
 impl UpdateContext {
-    /// An observation of `sensor` waits, `motion` after the last one.
-    pub const fn new(sensor: SensorId, motion: Se2) -> Self {
-        Self { sensor, motion }
+    /// An observation of `sensor` waits, `motion` after the last one, and never farther from there than now.
+    pub fn new(sensor: SensorId, motion: Se2) -> Self {
+        Self { sensor, motion, distance: motion.translation().norm(), angle: motion.yaw().abs() }
+    }
+
+    /// The same of a vehicle that has been that far from there, in metres, and turned that much, in radians; what is less than its
+    /// motion is the motion.
+    #[must_use]
+    pub const fn having_been(self, distance: f64, angle: f64) -> Self {
+        Self { distance: distance.max(self.distance), angle: angle.max(self.angle), ..self }
     }
 }
 
@@ -29,13 +40,13 @@ pub trait UpdatePolicy {
     fn is_due(&self, context: &UpdateContext) -> bool;
 }
 
-/// Update once the vehicle has moved this far or turned this much.
+/// Update once the vehicle has been this far away, or turned this much, from where it was: it may have come back since.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
 pub struct MotionThreshold {
-    /// Least distance between updates, in metres; zero takes every observation.
+    /// Least distance to be reached between updates, in metres; zero takes every observation.
     pub distance: f64,
-    /// Least turn between updates, in radians; zero takes every observation.
+    /// Least turn to be reached between updates, in radians; zero takes every observation.
     pub angle: f64,
 }
 
@@ -58,15 +69,15 @@ impl MotionThreshold {
         Ok(())
     }
 
-    /// Whether a motion reaches either threshold.
-    pub fn is_reached(&self, motion: &Se2) -> bool {
-        motion.translation().norm() >= self.distance || motion.yaw().abs() >= self.angle
+    /// Whether a distance, in metres, or a turn, in radians, reaches its threshold.
+    pub fn is_reached(&self, distance: f64, angle: f64) -> bool {
+        distance >= self.distance || angle >= self.angle
     }
 }
 
 impl UpdatePolicy for MotionThreshold {
     fn is_due(&self, context: &UpdateContext) -> bool {
-        self.is_reached(&context.motion)
+        self.is_reached(context.distance, context.angle)
     }
 }
 
@@ -82,6 +93,15 @@ mod tests {
         assert!(is_due(policy, Se2::new(0.0, -0.21, 0.0)));
         assert!(is_due(policy, Se2::new(0.0, 0.0, -0.21)));
         assert!(is_due(MotionThreshold { distance: 0.0, angle: 0.0 }, Se2::default()));
+    }
+
+    #[test]
+    fn who_has_been_away_has_moved() {
+        let back = UpdateContext::new(SensorId::default(), Se2::new(0.1, 0.0, 0.0));
+        let policy = MotionThreshold::default();
+        assert!(!policy.is_due(&back.having_been(0.15, 0.15)));
+        assert!(policy.is_due(&back.having_been(0.3, 0.0)) && policy.is_due(&back.having_been(0.0, 0.3)));
+        assert_eq!(back.having_been(0.0, 0.0), back, "never nearer than it is");
     }
 
     #[test]

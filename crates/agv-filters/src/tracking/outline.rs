@@ -8,8 +8,9 @@
 //! ```
 //!
 //! by Gauss and Newton; the inverse of the normal equations' matrix is the covariance of centre and radius. The radius before is
-//! that of the track, or half of the width that the scanner sees. What is no disc is described by its hull; a flat front that a
-//! disc of greater radius follows within 5 cm passes for one.
+//! that of the track, or half of the width that the scanner sees. What is no disc is described by its hull: what the disc misses by
+//! more than 5 cm, and flat fronts that are seen whole, which it misses by more than the scatter of the points and a straight line by less than half of
+//! that.
 
 use agv_core::obstacle::Hull;
 use nalgebra::{Matrix2, Matrix3, Vector2, Vector3};
@@ -74,7 +75,10 @@ impl Outline {
         };
         let (known, variance) = radius.unwrap_or(guess);
         let disc = Self::disc(points, &(mean, sight), sigma, (known.max(1e-3), variance.max(1e-6)));
-        disc.filter(|(_, rms)| *rms <= ROUND).map(|(disc, _)| disc).or_else(|| {
+        // Of what is seen in part the ends move with who hides it: a disc is steadier.
+        let is_flat = |rms: f64| rms > sigma && straightness(points, &mean) < 0.5 * rms;
+        let is_round = |rms: f64| rms <= ROUND && (some_hidden || !is_flat(rms));
+        disc.filter(|(_, rms)| is_round(*rms)).map(|(disc, _)| disc).or_else(|| {
             let (near, far) = reach(&sight);
             let center = mean + across * (0.5 * (left + right)) + sight * (0.5 * (near + far));
             let slack = 0.03 + 0.15 * half + if some_hidden { half } else { 0.0 };
@@ -138,6 +142,13 @@ impl Outline {
         };
         (behind && finite).then_some((disc, (squares / count).sqrt()))
     }
+}
+
+/// Root mean square distance of the points from the straight line that fits them best: that of least variance across it.
+fn straightness(points: &[Vector2<f64>], mean: &Vector2<f64>) -> f64 {
+    let spread = points.iter().map(|point| (point - mean) * (point - mean).transpose()).sum::<Matrix2<f64>>();
+    let (half, difference) = (0.5 * spread.trace(), 0.5 * (spread[(0, 0)] - spread[(1, 1)]));
+    ((half - difference.hypot(spread[(0, 1)])).max(0.0) / points.len() as f64).sqrt()
 }
 
 /// An octagon around the points, relative to their centre: every point lies in it.
@@ -204,6 +215,29 @@ mod tests {
             let nees = error.dot(&(outline.covariance.try_inverse().unwrap() * error));
             prop_assert!(nees < 16.0 && error.norm() < 0.08, "{} {}", nees, error.norm());
             prop_assert!((outline.radius - radius).abs() < 0.08);
+        }
+
+        /// Fronts of carts and ends of racks, however they stand: a hull, as wide as they are.
+        #[test]
+        fn a_flat_front_is_no_disc(
+            x in 2.0..5.0_f64, width in 0.6..1.6_f64, turn in -0.7..0.7_f64,
+            noise in prop::collection::vec(-0.015..0.015_f64, 400),
+        ) {
+            let (middle, along) = (Vector2::new(x, 0.3), Vector2::new(turn.sin(), turn.cos()));
+            let ahead = Vector2::new(along.y, -along.x);
+            let points: Vec<_> = (0..400)
+                .zip(&noise)
+                .filter_map(|(i, noise)| {
+                    let (sin, cos) = ((f64::from(i) - 200.0) * 0.25_f64.to_radians()).sin_cos();
+                    let direction = Vector2::new(cos, sin);
+                    let range = middle.dot(&ahead) / direction.dot(&ahead);
+                    let point = direction * range;
+                    ((point - middle).dot(&along).abs() < 0.5 * width).then(|| direction * (range + noise))
+                })
+                .collect();
+            let outline = Outline::of(&points, &Vector2::zeros(), [false; 2], 0.02, None).unwrap();
+            let hull = outline.hull.unwrap();
+            prop_assert!(points.iter().all(|p| hull.distance(&(p - outline.center)) <= 0.0));
         }
 
         #[test]

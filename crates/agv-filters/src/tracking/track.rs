@@ -58,8 +58,9 @@ pub(super) struct Track {
     traces: [Trace; 2],
 }
 
-/// Least variance of a radius, of 1 cm: things are no perfect discs.
-const LEAST_RADIUS_VARIANCE: f64 = 1e-4;
+/// Least standard deviation of a radius, as a share of the scatter of points: things are no perfect discs, the less the more
+/// their points scatter.
+const RADIUS_SHARE: f64 = 0.5;
 
 /// Score from which on something moves, and the most that it may have.
 const MOVES: u32 = 5;
@@ -87,7 +88,7 @@ impl Track {
         Some(Self {
             id,
             filter: KalmanFilter::new(state, covariance).ok()?,
-            radius: (outline.radius, outline.radius_variance.max(LEAST_RADIUS_VARIANCE)),
+            radius: (outline.radius, outline.radius_variance.max((RADIUS_SHARE * params.surface_sigma).powi(2))),
             hull: outline.hull,
             hits: 1,
             seen: now,
@@ -144,16 +145,23 @@ impl Track {
     }
 
     /// Takes in what was seen of it; says whether its numbers are still some.
-    pub(super) fn update(&mut self, outline: &Outline, points: &[Vector2<f64>], now: Stamp, spacing: f64) -> bool {
+    pub(super) fn update(
+        &mut self,
+        outline: &Outline,
+        points: &[Vector2<f64>],
+        now: Stamp,
+        params: &TrackerParams,
+    ) -> bool {
         let Ok(reading) = LinearMeasurement::new(Matrix2x4::identity(), outline.covariance) else { return false };
         if self.filter.update(&reading, &outline.center, &Gate::OPEN).is_err() {
             return false;
         }
-        self.radius = (outline.radius, outline.radius_variance.max(LEAST_RADIUS_VARIANCE));
+        self.radius = (outline.radius, outline.radius_variance.max((RADIUS_SHARE * params.surface_sigma).powi(2)));
         self.hull = outline.hull;
         self.hits = self.hits.saturating_add(1);
         (self.seen, self.absent) = (now, 0.0);
-        if now - self.traces[1].stamp >= spacing {
+        // A trace is from a third to two thirds of the memory old.
+        if now - self.traces[1].stamp >= params.memory / 3.0 {
             self.traces = [self.traces[1], Trace::of(points, now)];
         }
         true

@@ -12,6 +12,7 @@
 
 mod params;
 mod planner;
+mod sampler;
 mod window;
 
 pub use params::{AdaptiveWindow, DwaParams};

@@ -1,19 +1,17 @@
 //! The planner: sample, roll out, score, and take the best that the guard lets pass.
 
-use super::{
-    DwaParams,
-    window::{Window, samples, steering_angle},
-};
+use super::DwaParams;
 use crate::{
     Error,
     local::{
         Drive, Guard, NavigationField, Reference, Task, Trajectories, Verdict, check_request,
         critics::{Critic, Oscillation, PreferForward, Progress, Scene, score},
+        lead,
     },
 };
 use agv_core::{
-    geometry::{LieGroup, Twist2},
-    kinematics::{Motion, rise, stopping_speed},
+    geometry::Twist2,
+    kinematics::Motion,
     roles::{BlockReason, LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus, LocalPlanner},
 };
 use nalgebra::Vector2;
@@ -52,39 +50,27 @@ use nalgebra::Vector2;
 /// ```
 #[derive(Debug)]
 pub struct Dwa {
-    params: DwaParams,
+    pub(super) params: DwaParams,
     guard: Guard,
-    reference: Reference,
-    field: NavigationField,
-    batch: Trajectories,
+    pub(super) reference: Reference,
+    pub(super) field: NavigationField,
+    pub(super) batch: Trajectories,
     critics: Vec<Critic>,
     totals: Vec<f32>,
     scratch: Vec<f32>,
     order: Vec<u32>,
     /// Commands that the guard refused in this cycle.
     refused: Vec<Motion>,
-    /// Why the last one was refused.
+    /// Why they were refused: for somebody who may pass, if that goes for one of them.
     reason: BlockReason,
-    speeds: Vec<f64>,
-    turns: Vec<f64>,
+    /// Why no trajectory is free, if none is.
+    closed: BlockReason,
+    pub(super) speeds: Vec<f64>,
+    pub(super) turns: Vec<f64>,
     /// What was aimed at last.
     last: Twist2,
-    progress: Patience,
+    progress: lead::Patience,
 }
-
-/// How long there has been no progress.
-#[derive(Debug, Clone, Copy, Default)]
-struct Patience {
-    /// Least that remained, in metres, and time of driving since then, in seconds: who stands for somebody does not lose it.
-    least: f64,
-    waited: f64,
-}
-
-/// How much farther from the target than the vehicle the field is known, in metres: for backing up.
-const BEHIND: f64 = 1.5;
-
-/// Way that counts as progress, in metres.
-const PROGRESS: f64 = 0.05;
 
 /// How much closer, in cells, a vehicle that cannot get on may come to what looks like an obstacle.
 const RELAXED: f32 = 1.0;
@@ -124,10 +110,11 @@ impl Dwa {
             order: Vec::new(),
             refused: Vec::with_capacity(MOST_CHECKED),
             reason: BlockReason::Obstacle,
+            closed: BlockReason::Obstacle,
             speeds: Vec::new(),
             turns: Vec::new(),
             last: Twist2::ZERO,
-            progress: Patience::default(),
+            progress: lead::Patience::default(),
             params,
         })
     }
@@ -159,133 +146,26 @@ impl Dwa {
         self.last = Twist2::ZERO;
     }
 
-    /// Where on the path the way of this cycle should lead: as far as planned if the vehicle can be there and there is a way, else
-    /// nearer. The distance field is that of the answer.
-    fn aim(&mut self, drive: &Drive, position: &Vector2<f64>) -> Option<(Vector2<f64>, bool)> {
-        let from = drive.projection.arc_length;
-        let mut tried = 0;
-        let ahead = drive.to_stop().min(self.params.look_ahead);
-        // Then beyond what closes the path, then nearer.
-        for share in [1.0, 1.5, 0.6, 0.3] {
-            let mut arc_length = (from + share * self.params.look_ahead).min(drive.stop);
-            let nearest = from + 0.2 * share * ahead;
-            while arc_length >= nearest {
-                let (point, _) = self.reference.course().point_at(arc_length)?;
-                if self.field.is_open(&point) {
-                    tried += 1;
-                    if self.field.compute(&point, position, BEHIND) {
-                        return Some((point, arc_length >= drive.stop));
-                    }
-                    break;
-                }
-                arc_length -= self.params.field.resolution;
-            }
-            if tried > 2 {
-                break;
-            }
-        }
-        None
-    }
-
-    /// The next bend of the path, or its end: the key node that leads the way.
-    fn key_node(&self, drive: &Drive) -> Option<Vector2<f64>> {
-        let course = self.reference.course();
-        let (mut arc_length, step) = (drive.projection.arc_length + 0.2, 0.1);
-        let (mut point, mut direction) = course.point_at(arc_length.min(drive.stop))?;
-        for _ in 0..200 {
-            arc_length += step;
-            if arc_length >= drive.stop {
-                break;
-            }
-            let (next, ahead) = course.point_at(arc_length)?;
-            if direction.inverse().compose(&ahead).angle().abs() > 0.17 {
-                return Some(point);
-            }
-            (point, direction) = (next, ahead);
-        }
-        course.point_at(arc_length.min(drive.stop)).map(|(point, _)| point)
-    }
-
-    /// Greatest speed that the way ahead allows: where it ends, the vehicle must stop.
-    fn speed_cap(&self, request: &LocalPlanRequest<'_>, drive: &Drive) -> f64 {
-        let position = request.state.map_from_base.translation();
-        let ahead = (drive.stop_pose.translation() - position).norm();
-        let deceleration = self.params.stopping_share * request.limits.twist.deceleration;
-        // Never so slow that the last decimetre takes for ever.
-        let to_stop = drive.to_stop().max(ahead.min(2.0 * drive.to_stop().max(PROGRESS)));
-        stopping_speed(to_stop, deceleration, request.dt).max(0.05)
-    }
-
-    fn sample(&mut self, request: &LocalPlanRequest<'_>, drive: &Drive) {
-        let &LocalPlanRequest { state, map, limits, dt, .. } = request;
-        let params = &self.params;
-        let time = self.window_time(request);
-        let window = Window::new(&state.motion(), limits, time.max(dt), drive.gear, self.speed_cap(request, drive));
-        let steering = steering_angle(&state.motion(), limits);
-        let turn = limits.steering.map_or(state.twist.yaw_rate, |steered| steered.curvature(steering));
-        self.batch.begin(&state, map, params.steps, params.horizon / params.steps as f64);
-        self.speeds.clear();
-        samples(window.forward, params.speeds, state.twist.vx, |value| self.speeds.push(value));
-        self.turns.clear();
-        samples(window.turn, params.turns, turn, |value| self.turns.push(value));
-        let batch = &mut self.batch;
-        for &vx in &self.speeds {
-            for &turn in &self.turns {
-                if window.lateral == (0.0, 0.0) {
-                    batch.push([vx as f32, 0.0, turn as f32]);
-                } else {
-                    let each = |vy: f64| batch.push([vx as f32, vy as f32, turn as f32]);
-                    samples(window.lateral, params.lateral_speeds, 0.0, each);
-                }
-            }
-        }
-    }
-
-    /// Time of the window: as it is, or by speed and room.
-    fn window_time(&self, request: &LocalPlanRequest<'_>) -> f64 {
-        let Some(adaptive) = self.params.adaptive else { return self.params.window };
-        let pose = request.state.map_from_base;
-        let distance = request.map.distance_at(&pose.translation()).map_or(0.0, |(distance, _)| distance);
-        let room = (distance - self.params.footprint.circumscribed_radius()) / adaptive.room;
-        let fast = request.state.twist.speed() / request.limits.twist.forward_speed.max(1e-9);
-        let share = room.min(0.5 + 0.5 * fast).clamp(adaptive.least, 1.0);
-        self.params.window * share
-    }
-
-    /// The command that leads to what trajectory `i` aims at.
-    fn command_towards(&self, request: &LocalPlanRequest<'_>, i: usize) -> Motion {
-        let &LocalPlanRequest { state, limits, dt, .. } = request;
-        let [vx, vy, turn] = self.batch.target(i).map(f64::from);
-        let now = state.twist;
-        let (up, down) = (limits.twist.acceleration, limits.twist.deceleration);
-        let vx = towards(now.vx, vx, up, down, dt);
-        let target = if let Some(steering) = &limits.steering {
-            let angle = steering_angle(&state.motion(), limits);
-            let change = steering.max_rate * dt;
-            let angle = (turn * steering.wheelbase).atan().clamp(angle - change, angle + change);
-            Motion { twist: Twist2::new(vx, 0.0, vx * steering.curvature(angle)), steering: Some(angle) }
-        } else {
-            let change = limits.twist.yaw_acceleration;
-            Twist2::new(vx, towards(now.vy, vy, up, down, dt), towards(now.yaw_rate, turn, change, change, dt)).into()
-        };
-        limits.step_checked(&state.motion(), &target, dt)
-    }
-
     fn drive(&mut self, request: &LocalPlanRequest<'_>, drive: &Drive) -> Result<LocalCommand, LocalPlanError> {
         let pose = request.state.map_from_base;
         let position = pose.translation();
         self.field.set_map(request.map, self.params.footprint.inscribed_radius());
-        let Some((target, _)) = self.aim(drive, &position) else {
+        let ahead = self.params.look_ahead;
+        let Some(target) = lead::aim(&mut self.field, self.reference.course(), drive, &position, ahead) else {
             self.last = Twist2::ZERO;
-            return self.blocked(request, BlockReason::Obstacle);
+            return lead::blocked(&self.guard, request, BlockReason::Obstacle);
         };
         self.field.trace(&position);
-        if self.gives_up(drive) {
-            return self.blocked(request, BlockReason::Limits);
+        if self.progress.look(drive.remaining) > self.params.patience {
+            return lead::blocked(&self.guard, request, BlockReason::Limits);
         }
         self.sample(request, drive);
         self.batch.roll_out(&request.state, request.limits, request.map, &self.params.footprint);
+        let was_free = self.batch.free().iter().any(|&free| free > 0);
         self.batch.meet(request.obstacles);
+        // Who could go on but for somebody waits.
+        let closed = was_free && self.batch.free().iter().all(|&free| free == 0);
+        self.closed = if closed { BlockReason::MovingObstacle } else { BlockReason::Obstacle };
         self.judge(request, drive, target);
         if let Some(command) = self.best(request)? {
             return Ok(command);
@@ -299,7 +179,7 @@ impl Dwa {
             }
         }
         self.last = Twist2::ZERO;
-        self.blocked(request, self.reason)
+        lead::blocked(&self.guard, request, self.reason)
     }
 
     /// Lets the critics score the batch.
@@ -309,7 +189,7 @@ impl Dwa {
             drive,
             course: self.reference.course(),
             field: &self.field,
-            key_node: self.key_node(drive).unwrap_or(target),
+            key_node: lead::key_node(self.reference.course(), drive).unwrap_or(target),
             target,
             last: self.last,
         };
@@ -324,10 +204,10 @@ impl Dwa {
         let by_cost = |a: &u32, b: &u32| totals[*a as usize].total_cmp(&totals[*b as usize]).then(a.cmp(b));
         self.order.sort_unstable_by(by_cost);
         self.refused.clear();
-        self.reason = BlockReason::Obstacle;
+        self.reason = self.closed;
         for k in 0..self.order.len() {
             let i = self.order[k] as usize;
-            let motion = self.command_towards(request, i);
+            let motion = lead::command_towards(request, self.batch.target(i).map(f64::from));
             // Different aims often begin alike.
             if self.refused.contains(&motion) {
                 continue;
@@ -338,70 +218,24 @@ impl Dwa {
             match self.guard.check_trusted(request, &motion)? {
                 Verdict::Clear => {
                     self.last = self.batch.target_twist(i, request.limits.steering.is_some());
-                    let stands = motion.twist == Twist2::ZERO && request.state.twist == Twist2::ZERO;
-                    let turns_wheels = motion.steering != request.state.steering && motion.steering.is_some();
-                    let status = if stands && !turns_wheels {
-                        LocalPlanStatus::Blocked(self.standing_reason(request))
+                    let status = if lead::stays(request, &motion) {
+                        let reach = self.params.look_ahead;
+                        LocalPlanStatus::Blocked(lead::standing_reason(request, reach, self.reason))
                     } else {
-                        self.progress.waited += request.dt;
+                        self.progress.spend(request.dt);
                         LocalPlanStatus::Following
                     };
                     return Ok(Some(LocalCommand { motion, status }));
                 }
                 Verdict::Blocked(because) => {
-                    self.reason = because;
+                    if self.reason != BlockReason::MovingObstacle {
+                        self.reason = because;
+                    }
                     self.refused.push(motion);
                 }
             }
         }
         Ok(None)
-    }
-
-    /// Why it is best to stand.
-    fn standing_reason(&self, request: &LocalPlanRequest<'_>) -> BlockReason {
-        let reach = self.params.look_ahead;
-        let position = request.state.map_from_base.translation();
-        let near = request.obstacles.iter().any(|o| (o.position - position).norm() - o.circumscribed_radius() < reach);
-        if near { BlockReason::MovingObstacle } else { self.reason }
-    }
-
-    fn blocked(&self, request: &LocalPlanRequest<'_>, reason: BlockReason) -> Result<LocalCommand, LocalPlanError> {
-        let motion = self.guard.brake(request)?;
-        Ok(LocalCommand { motion, status: LocalPlanStatus::Blocked(reason) })
-    }
-
-    /// Whether it drove without progress for too long.
-    fn gives_up(&mut self, drive: &Drive) -> bool {
-        let patience = &mut self.progress;
-        if self.reference.is_new() || drive.remaining < patience.least - PROGRESS {
-            *patience = Patience { least: drive.remaining, waited: 0.0 };
-        }
-        patience.waited > self.params.patience
-    }
-
-    /// Turns on the spot: the shorter way, unless that is closed and the other is not. An angle of zero is a stop on the way.
-    fn turn(&mut self, request: &LocalPlanRequest<'_>, error: f64) -> Result<LocalCommand, LocalPlanError> {
-        self.last = Twist2::ZERO;
-        if error == 0.0 {
-            let motion = self.guard.brake(request)?;
-            return Ok(LocalCommand { motion, status: LocalPlanStatus::Following });
-        }
-        let (limits, pose) = (request.limits, request.state.map_from_base);
-        // All of the turn, not the next cycle: the way is chosen once, and not again at the obstacle.
-        let closed = |angle: f64| {
-            let (twist, margin) = (Twist2::new(0.0, 0.0, 1.0_f64.copysign(angle)), self.params.guard.margin);
-            let obstacles = request.map.obstacles();
-            obstacles.collides_along_within(&self.params.footprint, &pose, &twist, angle.abs(), margin)
-        };
-        let around = error - std::f64::consts::TAU.copysign(error);
-        let angle = if closed(error)? && !closed(around)? { around } else { error };
-        let rate = stopping_speed(angle.abs(), limits.twist.yaw_acceleration, request.dt).min(limits.twist.yaw_rate);
-        let target = Twist2::new(0.0, 0.0, rate.copysign(angle));
-        let motion = limits.step_checked(&request.state.motion(), &target.into(), request.dt);
-        match self.guard.check_trusted(request, &motion)? {
-            Verdict::Clear => Ok(LocalCommand { motion, status: LocalPlanStatus::Following }),
-            Verdict::Blocked(because) => self.blocked(request, because),
-        }
     }
 }
 
@@ -413,22 +247,23 @@ impl LocalPlanner for Dwa {
             let motion = self.guard.brake(&request)?;
             return Ok(LocalCommand { motion, status: LocalPlanStatus::InCollision });
         }
-        match self.reference.update_trusted(&request) {
+        let task = self.reference.update_trusted(&request);
+        if self.reference.is_new() {
+            self.progress = lead::Patience::default();
+        }
+        match task {
             Task::Drive(drive) => self.drive(&request, &drive),
-            Task::Turn(error) => self.turn(&request, error),
+            Task::Turn(error) => {
+                self.last = Twist2::ZERO;
+                lead::turn(&self.guard, &request, error)
+            }
             Task::Arrive => {
                 let motion = self.guard.brake(&request)?;
                 Ok(LocalCommand { motion, status: LocalPlanStatus::Arrived })
             }
-            Task::OffPath => self.blocked(&request, BlockReason::OffPath),
+            Task::OffPath => lead::blocked(&self.guard, &request, BlockReason::OffPath),
         }
     }
-}
-
-/// A component after a step towards its target.
-fn towards(now: f64, target: f64, acceleration: f64, deceleration: f64, dt: f64) -> f64 {
-    let (lowest, highest) = (-rise(-now, acceleration, deceleration, dt), rise(now, acceleration, deceleration, dt));
-    target.max(lowest).min(highest)
 }
 
 #[cfg(test)]

@@ -1,5 +1,6 @@
 //! The dynamic window: which velocities the vehicle can reach in a time, and samples of them.
 
+use crate::local::lead::steering_angle;
 use agv_core::{
     kinematics::{Motion, MotionLimits, rise},
     path::Gear,
@@ -51,15 +52,6 @@ impl Window {
         };
         Self { forward, lateral, turn }
     }
-}
-
-/// The angle of the steered wheels; zero for a vehicle without.
-pub(crate) fn steering_angle(current: &Motion, limits: &MotionLimits) -> f64 {
-    limits.steering.map_or(0.0, |steering| {
-        let twist = current.twist;
-        let read = if twist.vx == 0.0 { 0.0 } else { (steering.wheelbase * twist.yaw_rate / twist.vx).atan() };
-        current.steering.unwrap_or(read)
-    })
 }
 
 /// What a value can become in a time, its magnitude growing at `up` and shrinking at `down`, within limits if these are in reach.

@@ -130,6 +130,11 @@ impl Guard {
         Ok(Self { footprint, params })
     }
 
+    /// The parameters.
+    pub const fn params(&self) -> &GuardParams {
+        &self.params
+    }
+
     /// The vehicle's outline.
     pub const fn footprint(&self) -> &Footprint {
         &self.footprint

@@ -10,10 +10,11 @@
 pub mod critics;
 mod field;
 mod guard;
+pub(crate) mod lead;
 pub mod moving;
 mod reference;
 mod tracked;
-mod trajectories;
+pub(crate) mod trajectories;
 
 use agv_core::{
     check,

@@ -14,7 +14,7 @@ use super::{Guard, GuardParams, check_request};
 use crate::Error;
 use agv_core::{
     check,
-    geometry::{LieGroup, Se2, Twist2},
+    geometry::{LieGroup, Se2, Twist2, nearest_on_segment},
     grid::Footprint,
     kinematics::{Motion, stopping_speed},
     path::{Gear, Path},
@@ -23,7 +23,6 @@ use agv_core::{
         TrackError, TrackStatus,
     },
 };
-use nalgebra::Vector2;
 
 /// Parameters of a [`Tracked`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -100,7 +99,7 @@ impl<T: PathTracker> Tracked<T> {
         // On from the segment that was nearest, as far as it gets nearer.
         let distance = |index: usize| {
             let (from, to) = (points[index.saturating_sub(1)].pose.translation(), points[index].pose.translation());
-            (nearest_on(&from, &to, &here) - here).norm()
+            (nearest_on_segment(here, from, to) - here).norm()
         };
         let window = self.next..points.len().min(self.next + 60);
         self.next = window.min_by(|&a, &b| distance(a).total_cmp(&distance(b))).unwrap_or(self.next);
@@ -201,11 +200,4 @@ impl<T: PathTracker> LocalPlanner for Tracked<T> {
 
 fn scaled(twist: &Twist2, share: f64) -> Twist2 {
     Twist2::new(twist.vx * share, twist.vy * share, twist.yaw_rate * share)
-}
-
-fn nearest_on(a: &Vector2<f64>, b: &Vector2<f64>, point: &Vector2<f64>) -> Vector2<f64> {
-    let along = b - a;
-    let length = along.norm_squared();
-    let share = if length > 0.0 { ((point - a).dot(&along) / length).clamp(0.0, 1.0) } else { 0.0 };
-    a + along * share
 }

@@ -6,7 +6,8 @@
 //! vehicle would do; a target within one step of the present velocity gives a plain arc.
 //!
 //! The way of each is looked up in the distance field, under every circle that covers the footprint: the coordinates and indices
-//! are computed in loops that vectorise, the look-up is scalar. The price does not depend on how many obstacles there are.
+//! are computed in loops that vectorise, the look-up is scalar. The price does not depend on how many obstacles there are. A group of
+//! trajectories that are all deep in obstacles is not followed any further: it stays where it is, and its clearance is minus infinity.
 
 mod kernel;
 
@@ -17,7 +18,7 @@ use agv_core::{
     obstacle::{Hull, MovingObstacle},
     roles::VehicleState,
 };
-use kernel::{GridFrame, Ramps, advance, count_free, place};
+use kernel::{CountFree, GridFrame, LANES, Lanes, Ramps, RollOut, Rows};
 use nalgebra::Vector2;
 use pulp::Arch;
 
@@ -29,18 +30,21 @@ pub struct Trajectories {
     steps: usize,
     dt: f64,
     map_from_local: Se2,
-    /// What is aimed at: forward and sideways speed, and yaw rate, or curvature for a vehicle that steers.
+    /// What is aimed at: forward and sideways speed, and yaw rate, or curvature for a vehicle that steers. One row, or one for each
+    /// step, which then becomes what is done.
     targets: [Vec<f32>; 3],
-    /// Present velocities of the roll-out.
-    velocities: [Vec<f32>; 3],
+    per_step: bool,
+    /// Means over the steps of what is done, of sequences.
+    means: [Vec<f32>; 3],
     pub(crate) x: Vec<f32>,
     pub(crate) y: Vec<f32>,
     pub(crate) cos: Vec<f32>,
     pub(crate) sin: Vec<f32>,
     pub(crate) clearance: Vec<f32>,
     free: Vec<u32>,
-    index: Vec<u32>,
     circles: Vec<[f32; 3]>,
+    /// The same, with the reach of a cell in their radius.
+    reaches: Vec<[f32; 3]>,
     /// Cosine and sine of the heading at the beginning.
     heading: (f32, f32),
     /// What the processor can do; the bits do not depend on it.
@@ -54,8 +58,8 @@ pub struct Trajectories {
 /// look-up claim more than the vehicle and the obstacles have.
 const SLACK: f32 = 0.25;
 
-/// Trajectories are padded to whole registers.
-const LANES: usize = 16;
+/// Depth below that, in cells, from which on a trajectory is not followed any further.
+const HOPELESS: f32 = 2.0;
 
 impl Trajectories {
     /// Number of trajectories.
@@ -110,18 +114,50 @@ impl Trajectories {
         self.free.get(..self.len).unwrap_or_default()
     }
 
-    /// What trajectory `i` aims at: forward and sideways speed, and yaw rate (curvature for a vehicle that steers).
+    /// What trajectory `i` aims at, or what a sequence does on average: forward and sideways speed, and yaw rate (curvature for a
+    /// vehicle that steers).
     pub fn target(&self, i: usize) -> [f32; 3] {
-        let at = |k: usize| self.targets.get(k).and_then(|t| t.get(i)).copied().unwrap_or(0.0);
-        [at(0), at(1), at(2)]
+        let all = if self.per_step { &self.means } else { &self.targets };
+        all.each_ref().map(|component| component.get(i).copied().unwrap_or(0.0))
+    }
+
+    /// What sequence `i` does in a step: components as those of [`target`](Self::target).
+    pub(crate) fn control(&self, i: usize, step: usize) -> [f32; 3] {
+        self.targets.each_ref().map(|component| component.get(step * self.stride + i).copied().unwrap_or(0.0))
+    }
+
+    /// What all sequences do in a step, component by component, padding included.
+    pub(crate) fn controls(&self, step: usize) -> [&[f32]; 3] {
+        let row = step * self.stride..(step + 1) * self.stride;
+        self.targets.each_ref().map(|component| component.get(row.clone()).unwrap_or_default())
+    }
+
+    /// What all sequences aim at in a step, to be written before they are rolled out.
+    pub(crate) fn controls_mut(&mut self, step: usize) -> [&mut [f32]; 3] {
+        let row = step * self.stride..(step + 1) * self.stride;
+        self.targets.each_mut().map(|component| component.get_mut(row.clone()).unwrap_or_default())
     }
 
     /// Begins a batch of `steps` steps of `dt` seconds.
     pub fn begin(&mut self, state: &VehicleState, map: &LocalMap, steps: usize, dt: f64) {
         let rotation = map.layout().map_from_grid().rotation();
         self.map_from_local = Se2::from_parts(state.map_from_base.translation(), rotation);
-        (self.steps, self.dt, self.len) = (steps, dt, 0);
+        (self.steps, self.dt, self.len, self.per_step) = (steps, dt, 0, false);
         self.targets.iter_mut().for_each(Vec::clear);
+    }
+
+    /// Begins a batch of `len` sequences, each with targets of its own in every step.
+    pub(crate) fn begin_sequences(
+        &mut self,
+        state: &VehicleState,
+        map: &LocalMap,
+        (len, steps): (usize, usize),
+        dt: f64,
+    ) {
+        self.begin(state, map, steps, dt);
+        (self.len, self.per_step) = (len, true);
+        self.stride = len.next_multiple_of(LANES);
+        self.targets.iter_mut().for_each(|component| component.resize(self.stride * steps, 0.0));
     }
 
     /// Adds a trajectory by what it aims at.
@@ -139,100 +175,70 @@ impl Trajectories {
         for array in [&mut self.x, &mut self.y, &mut self.cos, &mut self.sin, &mut self.clearance] {
             array.resize(cells, 0.0);
         }
-        self.targets.iter_mut().for_each(|target| target.resize(stride, 0.0));
-        self.free.clear();
+        let rows = if self.per_step { self.steps } else { 1 };
+        self.targets.iter_mut().for_each(|target| target.resize(stride * rows, 0.0));
         self.free.resize(stride, 0);
-        self.index.resize(stride, 0);
+        let layout = map.layout();
+        let resolution = layout.resolution() as f32;
+        // An obstacle reaches half a cell farther than its centre.
+        let half = 0.5 * resolution;
         self.circles.clear();
         let of_circle = |(center, radius): (Vector2<f64>, f64)| [center.x as f32, center.y as f32, radius as f32];
         self.circles.extend(footprint.covering_circles().map(of_circle));
-        self.move_all(state, limits);
-        self.look_up(map);
-    }
-
-    fn move_all(&mut self, state: &VehicleState, limits: &MotionLimits) {
-        let ramps = Ramps::new(limits);
-        let twist = state.twist;
-        let turn = match &limits.steering {
-            Some(steering) => {
-                let read = if twist.vx == 0.0 { 0.0 } else { twist.yaw_rate / twist.vx };
-                state.steering.map_or(read, |angle| steering.curvature(angle))
-            }
-            None => twist.yaw_rate,
-        };
-        for (velocity, now) in self.velocities.iter_mut().zip([twist.vx, twist.vy, turn]) {
-            velocity.clear();
-            velocity.resize(self.stride, now as f32);
-        }
         let heading = self.map_from_local.rotation().inverse().compose(&state.map_from_base.rotation());
         self.heading = (heading.cos() as f32, heading.sin() as f32);
-        let (stride, dt) = (self.stride, self.dt as f32);
-        let [vx, vy, turn] = &mut self.velocities;
-        let [target_vx, target_vy, target_turn] = &self.targets;
-        for step in 0..self.steps {
-            let at = step * stride;
-            let (x_before, x) = self.x.split_at_mut(at);
-            let (y_before, y) = self.y.split_at_mut(at);
-            let (cos_before, cos) = self.cos.split_at_mut(at);
-            let (sin_before, sin) = self.sin.split_at_mut(at);
-            let before = at.saturating_sub(stride);
-            let (x, y, cos, sin) = (&mut x[..stride], &mut y[..stride], &mut cos[..stride], &mut sin[..stride]);
-            if step == 0 {
-                x.fill(0.0);
-                y.fill(0.0);
-                cos.fill(heading.cos() as f32);
-                sin.fill(heading.sin() as f32);
-            } else {
-                x.copy_from_slice(&x_before[before..]);
-                y.copy_from_slice(&y_before[before..]);
-                cos.copy_from_slice(&cos_before[before..]);
-                sin.copy_from_slice(&sin_before[before..]);
-            }
-            let (vx, vy, turn) = (&mut vx[..stride], &mut vy[..stride], &mut turn[..stride]);
-            let (target_vx, target_vy) = (&target_vx[..stride], &target_vy[..stride]);
-            let target_turn = &target_turn[..stride];
-            let arrays = (vx, vy, turn);
-            let targets = (target_vx, target_vy, target_turn);
-            self.arch.dispatch(
-                #[inline(always)]
-                || advance(arrays, targets, (x, y), (cos, sin), &ramps, dt),
-            );
+        let origin = layout.to_grid(&self.map_from_local.translation()).cast::<f32>();
+        self.limit = self.clearance_here(map, origin).min(0.0) - SLACK * resolution;
+        let grid = GridFrame {
+            origin,
+            per_metre: (1.0 / layout.resolution()) as f32,
+            width: layout.width() as f32,
+            height: layout.height() as f32,
+            columns: layout.width() as u32,
+            outside: layout.len() as u32,
+        };
+        let reaches = &mut self.reaches;
+        reaches.clear();
+        reaches.extend(self.circles.iter().map(|&[ahead, left, radius]| [ahead, left, radius + half]));
+        let scene = kernel::Scene {
+            ramps: Ramps::new(limits),
+            dt: self.dt as f32,
+            steps: self.steps,
+            heading: self.heading,
+            now: now(state, limits),
+            circles: reaches,
+            grid,
+            field: map.obstacles().distance().values(),
+            beyond: beyond(map),
+            limit: self.limit,
+            hopeless: self.limit - HOPELESS * resolution,
+        };
+        let rows = Rows {
+            targets: self.targets.each_mut().map(|target| lanes(target)),
+            per_step: self.per_step,
+            x: lanes(&mut self.x),
+            y: lanes(&mut self.y),
+            cos: lanes(&mut self.cos),
+            sin: lanes(&mut self.sin),
+            clearance: lanes(&mut self.clearance),
+            free: self.free.as_chunks_mut().0,
+        };
+        self.arch.dispatch(RollOut { rows, scene });
+        if self.per_step {
+            self.average();
         }
     }
 
-    fn look_up(&mut self, map: &LocalMap) {
-        let layout = map.layout();
-        let per_metre = (1.0 / layout.resolution()) as f32;
-        let origin = layout.to_grid(&self.map_from_local.translation()).cast::<f32>();
-        let (width, height) = (layout.width() as f32, layout.height() as f32);
-        let (columns, outside) = (layout.width() as i32, layout.len() as u32);
-        let frame = GridFrame { origin, per_metre, width, height, columns, outside };
-        // An obstacle reaches half a cell farther than its centre.
-        let half = (0.5 * layout.resolution()) as f32;
-        let (stride, steps) = (self.stride, self.steps);
-        let (field, beyond) = (map.obstacles().distance().values(), beyond(map));
-        for step in 0..steps {
-            let at = step * stride..(step + 1) * stride;
-            let (x, y) = (&self.x[at.clone()], &self.y[at.clone()]);
-            let (cos, sin) = (&self.cos[at.clone()], &self.sin[at.clone()]);
-            let clearance = &mut self.clearance[at];
-            let index = &mut self.index[..stride];
-            clearance.fill(f32::MAX);
-            for &[ahead, left, radius] in &self.circles {
-                self.arch.dispatch(
-                    #[inline(always)]
-                    || place(index, (x, y), (cos, sin), (ahead, left), &frame),
-                );
-                let reach = radius + half;
-                for (clearance, &index) in clearance.iter_mut().zip(&*index) {
-                    let distance = field.get(index as usize).copied().unwrap_or(beyond);
-                    *clearance = clearance.min(distance - reach);
-                }
+    /// What sequences do on average.
+    fn average(&mut self) {
+        let per_step = 1.0 / self.steps as f32;
+        for (mean, component) in self.means.iter_mut().zip(&self.targets) {
+            mean.clear();
+            mean.resize(self.stride, 0.0);
+            for row in component.chunks_exact(self.stride.max(1)) {
+                mean.iter_mut().zip(row).for_each(|(mean, value)| *mean += per_step * value);
             }
         }
-        let present = self.clearance_here(map, origin);
-        self.limit = present.min(0.0) - SLACK * layout.resolution() as f32;
-        self.count_free();
     }
 
     /// Clearance of the vehicle where it is, as it is looked up for the trajectories.
@@ -258,12 +264,7 @@ impl Trajectories {
 
     fn count_free(&mut self) {
         self.free.fill(0);
-        let limit = self.limit;
-        let (free, clearance) = (self.free.as_mut_slice(), self.clearance.as_slice());
-        self.arch.dispatch(
-            #[inline(always)]
-            || count_free(free, clearance, limit),
-        );
+        self.arch.dispatch(CountFree { free: &mut self.free, clearance: &self.clearance, limit: self.limit });
     }
 
     /// Takes in the obstacles that move: each step is compared with where they are at its time.
@@ -349,6 +350,21 @@ impl Trajectories {
 /// Distance to the nearest obstacle of what lies off the map.
 fn beyond(map: &LocalMap) -> f32 {
     if map.obstacles().params().outside_is_obstacle { 0.0 } else { f32::MAX }
+}
+
+/// What the vehicle does: forward and sideways speed, and yaw rate, or curvature if it steers.
+pub(crate) fn now(state: &VehicleState, limits: &MotionLimits) -> [f32; 3] {
+    let twist = state.twist;
+    let turn = limits.steering.map_or(twist.yaw_rate, |steering| {
+        let read = if twist.vx == 0.0 { 0.0 } else { twist.yaw_rate / twist.vx };
+        state.steering.map_or(read, |angle| steering.curvature(angle))
+    });
+    [twist.vx as f32, twist.vy as f32, turn as f32]
+}
+
+/// An array of whole groups.
+fn lanes(array: &mut [f32]) -> &mut [Lanes] {
+    array.as_chunks_mut().0
 }
 
 /// One step of all trajectories.

@@ -83,16 +83,18 @@ impl Band {
         self.nodes.push([position.x, position.y, yaw, interval]);
     }
 
-    /// Gives the last pose a place, its heading taken the short way.
+    /// Gives the last pose a place, its heading taken the short way; the speed towards it stays.
     pub(super) fn set_last(&mut self, position: Vector2<f64>, yaw: f64) {
-        if let Some(last) = self.nodes.last_mut() {
+        if let [.., before, last] = &mut self.nodes[..] {
             let yaw = last[2] + angle_difference(yaw, last[2]);
-            *last = [position.x, position.y, yaw, last[3]];
+            let moved = [position.x, position.y, yaw, last[3]];
+            before[3] *= stretch(before, last, before, &moved);
+            *last = moved;
         }
     }
 
     /// Lets the band begin at `pose`: poses that the vehicle has passed are dropped. False if it is farther than `reach` metres
-    /// from all of them; the band is then as it was.
+    /// from all of them; the band is then as it was. The speed to the next pose stays.
     pub(super) fn begin_at(&mut self, pose: &Se2, reach: f64) -> bool {
         let at = pose.translation();
         let square = |node: &[f64; 4]| (node[0] - at.x).powi(2) + (node[1] - at.y).powi(2);
@@ -105,9 +107,12 @@ impl Band {
         // The nearest may lie behind or ahead: the pose replaces it, and those before it go.
         self.nodes.drain(..nearest);
         // A full turn between the vehicle's heading and the band's changes nothing but numbers.
+        let next = self.nodes.get(1).copied();
         let Some(first) = self.nodes.first_mut() else { return false };
         let yaw = first[2] + angle_difference(pose.yaw(), first[2]);
-        *first = [at.x, at.y, yaw, first[3]];
+        let moved = [at.x, at.y, yaw, first[3]];
+        let share = next.map_or(1.0, |next| stretch(first, &next, &moved, &next));
+        *first = [at.x, at.y, yaw, first[3] * share];
         true
     }
 
@@ -145,6 +150,12 @@ impl Band {
     }
 }
 
+/// How many times as long one line is as another was, from a quarter to four.
+fn stretch(a: &[f64; 4], b: &[f64; 4], to_a: &[f64; 4], to_b: &[f64; 4]) -> f64 {
+    let length = |a: &[f64; 4], b: &[f64; 4]| (b[0] - a[0]).hypot(b[1] - a[1]);
+    (length(to_a, to_b) / length(a, b).max(1e-6)).clamp(0.25, 4.0)
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -180,6 +191,8 @@ mod tests {
         let mut line = band(&[(0.0, 0.0), (0.2, 0.0), (0.4, 0.0), (0.6, 0.0), (0.8, 0.0)]);
         assert!(line.begin_at(&Se2::new(0.45, 0.02, 0.1), 0.3));
         assert_eq!((line.len(), line.pose(0).unwrap().x()), (3, 0.45));
+        // 0.15 m are left of 0.2 m, and of the time as much.
+        assert!((line.interval(0).unwrap() - 0.15).abs() < 2e-3);
         assert!(!line.begin_at(&Se2::new(0.45, 0.9, 0.1), 0.3));
         assert!(!line.begin_at(&Se2::new(0.8, 0.0, 0.0), 0.3), "nothing is left");
         assert!(!Band::new().begin_at(&Se2::default(), 1.0));

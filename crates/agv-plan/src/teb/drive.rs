@@ -1,12 +1,11 @@
 //! Following a section of the path: which bands there are, which is followed, and what of it may be done.
 
 use super::{
-    classes::{Sample, detour, same_way},
     line::Ground,
     planner::{Choice, Teb},
     problem::Problem,
     rollout::Task,
-    sample::{is_nearby, sample},
+    sample::{Sample, is_nearby, sample},
     slot::{begin, choose, improve},
 };
 use crate::local::Verdict;
@@ -60,7 +59,7 @@ impl Teb {
             return Ok((Choice::Hold, LocalPlanStatus::Following));
         }
         self.turning = None;
-        let Self { params, circles, samples, offsets, scratch, slots, last, .. } = self;
+        let Self { params, circles, samples, lanes, offsets, scratch, slots, last, .. } = self;
         let ground = Ground::new(params, circles, request, gear);
         let task = Task { request, footprint: &params.footprint, ground };
         let problem = Problem {
@@ -90,28 +89,35 @@ impl Teb {
         self.blocked = if current_is_free { 0 } else { self.blocked + 1 };
         if !current_is_free || changed || self.cycle.is_multiple_of(EXPLORE_EVERY) {
             begin(&mut slots[1], samples, None, &ground, scratch);
-            for (slot, side) in slots[2..].iter_mut().zip([1.0, -1.0]) {
-                if params.max_detour > 0.0 && detour(samples, &ground, side, params.spacing, offsets) {
-                    begin(slot, samples, Some((&offsets[..], side)), &ground, scratch);
-                }
+            lanes.search(samples, &ground, request.obstacles, params.max_ways);
+            let ways = if lanes.is_path_free() { 0 } else { lanes.count() };
+            for (way, slot) in slots[2..].iter_mut().enumerate().take(ways) {
+                lanes.offsets(way, params.spacing, offsets);
+                begin(slot, samples, Some(offsets), &ground, scratch);
+            }
+            let goal = samples.last().map_or_else(Vector2::zeros, |sample| sample.position);
+            for slot in slots.iter_mut().filter(|slot| slot.active) {
+                slot.sign(&goal, lanes.obstacles());
             }
             // What would come to the same way again need not be optimised.
             if current_is_free {
                 let (now, others) = slots.split_at_mut(1);
                 for slot in others {
-                    slot.active &= !now.iter().any(|now| same_way(request.map, &now.band, &slot.band));
+                    slot.active &= now.iter().all(|now| now.signature != slot.signature);
                 }
             }
+            let obstacles = lanes.obstacles();
             let iterations = params.cold_iterations;
             self.par.for_each_chunk(&mut slots[1..], 1, |_, chunk| {
                 for slot in chunk.iter_mut().filter(|slot| slot.active) {
                     if improve(slot, &problem, &task, iterations, 2).is_err() {
                         slot.cost = f64::INFINITY;
                     }
+                    slot.sign(&goal, obstacles);
                 }
             });
         }
-        let best = choose(slots, current, params.switch_share, self.blocked, request.map);
+        let best = choose(slots, current, params.switch_share, self.blocked);
         let Some(best) = best else {
             self.brake(request)?;
             return Ok((Choice::Hold, LocalPlanStatus::Blocked(BlockReason::Obstacle)));

@@ -4,6 +4,7 @@ use super::{edges::Circle, params::TebParams};
 use agv_core::{
     grid::LocalMap,
     kinematics::MotionLimits,
+    obstacle::MovingObstacle,
     roles::{BlockReason, LocalPlanRequest},
 };
 use nalgebra::Vector2;
@@ -29,17 +30,31 @@ impl<'a> Ground<'a> {
         Self { params, limits: request.limits, map: request.map, circles, gear }
     }
 
-    /// Least clearance of a pose on the field; none off the map.
-    pub(super) fn clearance(&self, [x, y, yaw]: [f64; 3]) -> Option<f64> {
+    /// Speed that a way is taken to be driven at before more is known, in metres per second.
+    pub(super) fn usual_speed(&self) -> f64 {
+        let twist = &self.limits.twist;
+        (0.7 * if self.gear < 0.0 { twist.reverse_speed } else { twist.forward_speed }).max(0.05)
+    }
+
+    /// Where the vehicle's circles are at a pose, and their radii.
+    fn circles_at(&self, [x, y, yaw]: [f64; 3]) -> impl Iterator<Item = (Vector2<f64>, f64)> {
         let (sin, cos) = yaw.sin_cos();
+        self.circles.iter().map(move |&Circle { center: c, radius }| {
+            (Vector2::new(x + cos * c.x - sin * c.y, y + sin * c.x + cos * c.y), radius)
+        })
+    }
+
+    /// Least clearance of a pose from something that moves, some seconds from now.
+    pub(super) fn clearance_from(&self, mover: &MovingObstacle, time: f64, pose: [f64; 3]) -> f64 {
+        let clearance = |(center, radius)| mover.distance_after(time, &center) - radius;
+        self.circles_at(pose).map(clearance).fold(f64::INFINITY, f64::min)
+    }
+
+    /// Least clearance of a pose on the field; none off the map.
+    pub(super) fn clearance(&self, pose: [f64; 3]) -> Option<f64> {
         let half_cell = 0.5 * self.map.layout().resolution();
-        self.circles
-            .iter()
-            .map(|circle| {
-                let c = circle.center;
-                let point = Vector2::new(x + cos * c.x - sin * c.y, y + sin * c.x + cos * c.y);
-                self.map.distance_at(&point).map(|(distance, _)| distance - circle.radius - half_cell)
-            })
+        self.circles_at(pose)
+            .map(|(center, radius)| self.map.distance_at(&center).map(|(distance, _)| distance - radius - half_cell))
             .try_fold(f64::INFINITY, |least, clearance| clearance.map(|c| least.min(c)))
     }
 }

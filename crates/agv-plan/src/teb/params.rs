@@ -17,6 +17,8 @@ pub struct TebParams {
     pub turn: f64,
     /// Clearance that the band keeps from obstacles wherever there is room, in metres.
     pub clearance: f64,
+    /// Clearance beyond that, which it is drawn to by the weight of [`TebWeights::inflation`], in metres; zero for none.
+    pub inflation: f64,
     /// Clearance below which the vehicle drives more slowly, in metres.
     pub caution: f64,
     /// Speed at no clearance at all, in metres per second.
@@ -35,6 +37,9 @@ pub struct TebParams {
     pub switch_share: f64,
     /// How far to the side of the path ways around obstacles are looked for, in metres; zero to keep to the path.
     pub max_detour: f64,
+    /// Most ways around obstacles that are optimised in one cycle, each of another homotopy class: the least detours first. Zero
+    /// to keep to the path.
+    pub max_ways: usize,
     /// What the residuals weigh.
     pub weights: TebWeights,
 }
@@ -59,6 +64,8 @@ pub struct TebWeights {
     pub turning_radius: f64,
     /// Clearance missing.
     pub obstacle: f64,
+    /// Clearance missing to [`TebParams::inflation`].
+    pub inflation: f64,
     /// Clearance missing to obstacles that move.
     pub moving: f64,
     /// Distance to points to pass.
@@ -80,6 +87,7 @@ impl Default for TebWeights {
             gear: 100.0,
             turning_radius: 100.0,
             obstacle: 50.0,
+            inflation: 0.1,
             moving: 50.0,
             via: 1.0,
             rotation: 10.0,
@@ -98,6 +106,7 @@ impl TebParams {
             spacing: (0.5 * radius).clamp(0.1, 0.3),
             turn: 0.4,
             clearance: 0.12,
+            inflation: 0.0,
             caution: 0.3,
             cautious_speed: 0.5,
             acceleration_share: 0.85,
@@ -107,6 +116,7 @@ impl TebParams {
             cold_iterations: 30,
             switch_share: 0.75,
             max_detour: 2.5,
+            max_ways: 3,
             weights: TebWeights::default(),
             footprint,
         }
@@ -122,6 +132,7 @@ impl TebParams {
         check::in_range("horizon (poses)", self.horizon / self.spacing, 1.0, 10_000.0)?;
         check::in_range("turn", self.turn, 1e-3, std::f64::consts::PI)?;
         check::non_negative("clearance", self.clearance)?;
+        check::non_negative("inflation", self.inflation)?;
         check::non_negative("caution", self.caution)?;
         check::positive("cautious_speed", self.cautious_speed)?;
         check::in_range("acceleration_share", self.acceleration_share, 0.01, 1.0)?;
@@ -131,6 +142,7 @@ impl TebParams {
         check::at_least("cold_iterations", self.cold_iterations, 1)?;
         check::in_range("switch_share", self.switch_share, 0.0, 1.0)?;
         check::in_range("max_detour", self.max_detour, 0.0, 1000.0)?;
+        check::in_range("max_ways", self.max_ways as f64, 0.0, 64.0)?;
         let w = &self.weights;
         for (name, weight) in [
             ("time weight", w.time),
@@ -141,6 +153,7 @@ impl TebParams {
             ("gear weight", w.gear),
             ("turning radius weight", w.turning_radius),
             ("obstacle weight", w.obstacle),
+            ("inflation weight", w.inflation),
             ("moving weight", w.moving),
             ("via weight", w.via),
             ("rotation weight", w.rotation),
@@ -165,6 +178,7 @@ mod tests {
                 ("spacing", TebParams { spacing: bad, ..good.clone() }),
                 ("turn", TebParams { turn: bad, ..good.clone() }),
                 ("clearance", TebParams { clearance: bad, ..good.clone() }),
+                ("inflation", TebParams { inflation: bad, ..good.clone() }),
                 ("caution", TebParams { caution: bad, ..good.clone() }),
                 ("cautious_speed", TebParams { cautious_speed: bad, ..good.clone() }),
                 ("acceleration_share", TebParams { acceleration_share: bad, ..good.clone() }),
@@ -178,6 +192,7 @@ mod tests {
             }
         }
         assert!(TebParams { horizon: 0.0, ..good.clone() }.validate().is_err());
+        assert!(TebParams { max_ways: 1000, ..good.clone() }.validate().is_err());
         assert!(TebParams { cold_iterations: 0, ..good }.validate().is_err());
     }
 }

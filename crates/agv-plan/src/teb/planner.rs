@@ -2,11 +2,12 @@
 
 use super::{
     band::Band,
-    classes::Sample,
     edges::Circle,
+    lanes::Lanes,
     line::Ground,
     params::TebParams,
     rollout::{Rollout, Task},
+    sample::Sample,
     slot::Slot,
     solver::BandReport,
 };
@@ -75,9 +76,10 @@ pub struct Teb {
     pub(super) via: Vec<Vector2<f64>>,
     pub(super) rotation: f64,
     pub(super) samples: Vec<Sample>,
+    pub(super) lanes: Lanes,
     pub(super) offsets: Vec<f64>,
     pub(super) scratch: Vec<[f64; 4]>,
-    /// The way of the last cycle, that along the path, and those to the left and to the right of it.
+    /// The way of the last cycle, that along the path, and those around what blocks it.
     pub(super) slots: Vec<Slot>,
     /// The band that was followed last, if any.
     pub(super) last: Band,
@@ -89,6 +91,9 @@ pub struct Teb {
     pub(super) blocked: u32,
     pub(super) cycle: u32,
 }
+
+/// Turn from which on the other side is at most twice as long, in radians.
+const EITHER_SIDE: f64 = 2.0 * std::f64::consts::FRAC_PI_3;
 
 /// What was planned in a cycle, as [`Teb::plan`] says it.
 #[derive(Debug, Clone, Copy)]
@@ -128,6 +133,7 @@ impl Teb {
         if circles.is_empty() {
             circles.push(Circle { center: Vector2::zeros(), radius: footprint.circumscribed_radius() });
         }
+        let slots = vec![Slot::new(); 2 + params.max_ways];
         Ok(Self {
             params,
             par: Par::Seq,
@@ -138,9 +144,10 @@ impl Teb {
             via: Vec::new(),
             rotation: 0.0,
             samples: Vec::new(),
+            lanes: Lanes::default(),
             offsets: Vec::new(),
             scratch: Vec::new(),
-            slots: vec![Slot::new(); 4],
+            slots,
             last: Band::new(),
             hold: Rollout::default(),
             guard,
@@ -173,7 +180,8 @@ impl Teb {
         Ok(())
     }
 
-    /// Prefers to turn left (positive) or right (negative) at the beginning of each band; zero for either.
+    /// Prefers to turn left (positive) or right (negative), at the beginning of each band and where that takes at most twice as long
+    /// on the spot; zero for either.
     ///
     /// # Errors
     /// A number that is not finite.
@@ -352,7 +360,9 @@ impl Teb {
             footprint: &self.params.footprint,
             ground: Ground::new(&self.params, &self.circles, request, 1.0),
         };
-        let shorter = 1.0_f64.copysign(angle_difference(yaw, request.state.map_from_base.yaw()));
+        let turn = angle_difference(yaw, request.state.map_from_base.yaw());
+        let wished = self.rotation != 0.0 && turn.abs() > EITHER_SIDE;
+        let shorter = if wished { self.rotation } else { 1.0_f64.copysign(turn) };
         let spinning = request.state.twist.yaw_rate;
         let first = if spinning.abs() > 0.05 && self.turning.is_some() { spinning.signum() } else { shorter };
         for side in [first, -first] {

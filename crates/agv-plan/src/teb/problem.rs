@@ -59,8 +59,14 @@ impl Problem<'_> {
         let acceleration = Acceleration::new(self.limits, share, w.acceleration);
         let curvature_rate = self.limits.steering.map(|steering| share * steering.max_rate / steering.wheelbase);
         let steering = curvature_rate.map(|curvature_rate| SteeringRate { curvature_rate, weight: w.acceleration });
-        let clear =
-            Clearance { map: self.map, circles: self.circles, clearance: self.params.clearance, weight: w.obstacle };
+        let clear = Clearance {
+            map: self.map,
+            circles: self.circles,
+            clearance: self.params.clearance,
+            weight: w.obstacle,
+            inflation: self.params.inflation,
+            inflation_weight: w.inflation,
+        };
         let cautious = self.cautious();
         let holonomic = self.limits.is_holonomic();
         let heading = |i: usize| {
@@ -103,10 +109,10 @@ impl Problem<'_> {
                 if i < ROTATING && self.rotation != 0.0 {
                     Rotation { side: self.rotation, weight: w.rotation }.residuals(window, out);
                 }
-                if i == 0 && !holonomic {
+                if i == 0 {
                     self.end(&self.start, false).residuals(window, out);
                 }
-                if i + 2 == poses && self.stops && !holonomic {
+                if i + 2 == poses && self.stops {
                     self.end(&Twist2::ZERO, true).residuals(window, out);
                 }
             }
@@ -139,7 +145,8 @@ impl Problem<'_> {
         let yaw_acceleration =
             if self.limits.steering.is_some() { f64::INFINITY } else { self.limits.twist.yaw_acceleration };
         let limits = TwistLimits { yaw_acceleration, ..self.limits.twist };
-        EndSpeed { speed: twist.vx, yaw_rate: twist.yaw_rate, limits, at_end, weight: self.params.weights.acceleration }
+        let (sideways, weight) = (self.limits.is_holonomic(), self.params.weights.acceleration);
+        EndSpeed { twist: *twist, limits, sideways, at_end, weight }
     }
 
     /// Half the sum of the squared residuals, and the normal equations, in which what is given is tied to its place.

@@ -1,12 +1,30 @@
 //! The path ahead, as bands are made of.
 
-use super::{classes::Sample, line::Ground};
+use super::line::Ground;
 use agv_core::{
     geometry::angle_difference,
     path::{Course, PathPoint},
     roles::LocalPlanRequest,
 };
+use nalgebra::Vector2;
 use std::f64::consts::PI;
+
+/// A point of the path ahead.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Sample {
+    pub(super) position: Vector2<f64>,
+    /// Heading of the base.
+    pub(super) yaw: f64,
+    /// Direction of travel.
+    pub(super) direction: f64,
+}
+
+impl Sample {
+    /// To the left of the direction of travel, of length one.
+    pub(super) fn across(&self) -> Vector2<f64> {
+        Vector2::new(-self.direction.sin(), self.direction.cos())
+    }
+}
 
 /// Distance of a goal nearby, in spacings of the band.
 const NEARBY: f64 = 4.0;
@@ -59,8 +77,13 @@ pub(super) fn sample(
             }
         }
         let far = arc_length - progress >= horizon;
-        // A goal on the way is one where the vehicle can stand.
-        let stands = || ground.clearance([sample.position.x, sample.position.y, sample.yaw]).is_none_or(|c| c > 0.02);
+        // A goal on the way is one where the vehicle can stand, and that who moves has passed or not yet reached.
+        let stands = || {
+            let pose = [sample.position.x, sample.position.y, sample.yaw];
+            let time = (arc_length - progress) / ground.usual_speed();
+            let mut movers = request.obstacles.iter().map(|mover| ground.clearance_from(mover, time, pose));
+            ground.clearance(pose).is_none_or(|c| c > 0.02) && movers.all(|clearance| clearance > params.clearance)
+        };
         samples.push(sample);
         if arc_length >= end || (far && stands()) || arc_length - progress > 2.0 * horizon {
             break;

@@ -2,13 +2,14 @@
 
 use super::{
     band::Band,
-    classes::{Sample, same_way},
     line::{Ground, Line},
     problem::Problem,
     rollout::{Rollout, Task},
+    sample::Sample,
+    signature::Signature,
     solver::{BandReport, BandSolver},
 };
-use agv_core::{Error, grid::LocalMap};
+use agv_core::Error;
 use nalgebra::Vector2;
 use std::f64::consts::PI;
 
@@ -30,6 +31,8 @@ pub(super) struct Slot {
     pub(super) rollout: Rollout,
     pub(super) scratch: Vec<[f64; 4]>,
     pub(super) cost: f64,
+    /// On which sides it passes the obstacles beside the path, in a cycle that explores.
+    pub(super) signature: Signature,
 }
 
 impl Slot {
@@ -43,28 +46,26 @@ impl Slot {
             rollout: Rollout::default(),
             scratch: Vec::new(),
             cost: f64::INFINITY,
+            signature: Signature::default(),
         }
     }
 }
 
-/// A band that is new: along the path, moved to a side where that is given.
+/// A band that is new: along the path, moved to the left of it where that is given.
 pub(super) fn begin(
     slot: &mut Slot,
     samples: &[Sample],
-    aside: Option<(&[f64], f64)>,
+    aside: Option<&[f64]>,
     ground: &Ground<'_>,
     scratch: &mut Vec<[f64; 4]>,
 ) {
     slot.active = true;
     slot.band.clear();
-    let speed =
-        0.7 * if ground.gear < 0.0 { ground.limits.twist.reverse_speed } else { ground.limits.twist.forward_speed };
-    let speed = speed.max(0.05);
+    let speed = ground.usual_speed();
     let place = |i: usize| {
         samples.get(i).map(|sample| {
-            let (offsets, side) = aside.unwrap_or((&[], 0.0));
-            let offset = side * offsets.get(i).copied().unwrap_or(0.0);
-            sample.position + Vector2::new(-sample.direction.sin(), sample.direction.cos()) * offset
+            let offset = aside.and_then(|offsets| offsets.get(i)).copied().unwrap_or(0.0);
+            sample.position + sample.across() * offset
         })
     };
     let last = samples.len().saturating_sub(1);
@@ -129,18 +130,12 @@ pub(super) fn improve(
 }
 
 /// The best way: the present one, unless it is blocked for long or another is much better.
-pub(super) fn choose(
-    slots: &[Slot],
-    current: Option<usize>,
-    switch_share: f64,
-    blocked: u32,
-    map: &LocalMap,
-) -> Option<usize> {
+pub(super) fn choose(slots: &[Slot], current: Option<usize>, switch_share: f64, blocked: u32) -> Option<usize> {
     let others = || slots.iter().enumerate().filter(|(i, slot)| slot.active && Some(*i) != current);
     let cheapest = |a: &(usize, &Slot), b: &(usize, &Slot)| a.1.cost.total_cmp(&b.1.cost);
     let Some(now) = current else { return others().min_by(cheapest).map(|(i, _)| i) };
     let present = &slots[now];
-    let is_same = |slot: &Slot| same_way(map, &present.band, &slot.band);
+    let is_same = |slot: &Slot| present.signature == slot.signature;
     if present.is_passable() {
         let enough = switch_share * present.cost;
         let better = others().filter(|(_, slot)| slot.cost < enough && !is_same(slot)).min_by(cheapest);
@@ -156,6 +151,11 @@ pub(super) fn choose(
 }
 
 impl Slot {
+    /// Says on which sides of some obstacles the band passes, on its way to `end`.
+    pub(super) fn sign(&mut self, end: &Vector2<f64>, obstacles: &[Vector2<f64>]) {
+        self.signature.set(self.band.nodes(), end, obstacles);
+    }
+
     /// Whether the whole way can be driven.
     pub(super) fn is_passable(&self) -> bool {
         self.cost < BLOCKED

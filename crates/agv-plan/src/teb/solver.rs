@@ -128,7 +128,7 @@ mod tests {
     use agv_core::{
         geometry::{Se2, Twist2},
         grid::{Cell, CellState, Costmap, Footprint, Grid, GridLayout, LocalMap, LocalMapParams, cost},
-        kinematics::MotionLimits,
+        kinematics::{MotionLimits, TwistLimits},
     };
     use nalgebra::Vector2;
 
@@ -142,22 +142,31 @@ mod tests {
     }
 
     fn solve(obstacle: Option<Cell>, via: &[Vector2<f64>]) -> (Band, BandReport) {
+        let start = Twist2::new(1.0, 0.0, 0.0);
+        solve_from(start, &MotionLimits::default(), obstacle.as_slice(), via)
+    }
+
+    fn solve_from(
+        start: Twist2,
+        limits: &MotionLimits,
+        obstacles: &[Cell],
+        via: &[Vector2<f64>],
+    ) -> (Band, BandReport) {
         let layout = GridLayout::new(100, 80, 0.05, Se2::default()).unwrap();
         let mut costmap = Costmap::from_map(&Grid::filled(layout, CellState::Free));
-        if let Some(cell) = obstacle {
-            costmap.set(cell, cost::LETHAL);
+        for cell in obstacles {
+            costmap.set(*cell, cost::LETHAL);
         }
         let map = LocalMap::new(&costmap, LocalMapParams::default()).unwrap();
         let params = TebParams::for_footprint(Footprint::circle(0.2).unwrap());
-        let limits = MotionLimits::default();
         let problem = Problem {
             params: &params,
-            limits: &limits,
+            limits,
             map: &map,
             circles: &[Circle { center: Vector2::zeros(), radius: 0.2 }],
             obstacles: &[],
             gear: 1.0,
-            start: Twist2::new(1.0, 0.0, 0.0),
+            start,
             stops: false,
             goal_heading: true,
             via,
@@ -187,5 +196,35 @@ mod tests {
         assert!(nearest > 0.2 + 0.025, "{nearest}");
         let (pulled, _) = solve(None, &[Vector2::new(2.5, 2.4)]);
         assert!((0..20).any(|i| pulled.pose(i).unwrap().y() > 2.005));
+    }
+
+    /// A vehicle that drives sideways goes on as it does, within what it can change; so does one ahead.
+    #[test]
+    fn bands_begin_with_the_vehicles_velocity() {
+        let twist = TwistLimits { lateral_speed: 1.0, ..TwistLimits::default() };
+        for vy in [0.0, 0.6, -0.6] {
+            let (band, _) = solve_from(Twist2::new(0.5, vy, 0.0), &twist.into(), &[], &[]);
+            let (a, b) = (band.pose(0).unwrap(), band.pose(1).unwrap());
+            let begin = (b.translation() - a.translation()) / band.interval(0).unwrap();
+            let change = Vector2::new(begin.x - 0.5, begin.y - vy) / (0.5 * band.interval(0).unwrap());
+            // Limits are soft, and the goal ahead draws.
+            let most = 2.0 * twist.acceleration.max(twist.deceleration);
+            assert!(change.x.abs() < most && change.y.abs() < most, "{vy}: {begin} {change}");
+            assert!(vy == 0.0 || begin.y * vy > 0.0, "{vy}: {begin}");
+        }
+    }
+
+    /// Beside a wall at half of the clearance from which on it drives freely.
+    #[test]
+    fn near_obstacles_bands_are_slower() {
+        let limits = TwistLimits { forward_speed: 2.0, acceleration: 9.0, deceleration: 9.0, ..TwistLimits::default() };
+        let start = Twist2::new(1.5, 0.0, 0.0);
+        let (free, _) = solve_from(start, &limits.into(), &[], &[]);
+        let wall: Vec<_> =
+            [32, 47].iter().flat_map(|&row| (0..100).map(move |column| Cell::new(column, row))).collect();
+        let (narrow, _) = solve_from(start, &limits.into(), &wall, &[]);
+        let speed = |band: &Band| 0.15 / band.interval(10).unwrap();
+        // Half a metre per second at no clearance, two at 0.3 m, and 0.15 m of it here.
+        assert!(speed(&free) > 1.7 && (1.0..1.5).contains(&speed(&narrow)), "{} {}", speed(&free), speed(&narrow));
     }
 }

@@ -2,6 +2,8 @@
 
 mod input;
 mod laws;
+mod random;
 mod scenes;
 mod sides;
+mod wishes;
 mod worlds;

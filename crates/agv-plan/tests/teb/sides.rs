@@ -109,3 +109,49 @@ fn who_crosses_is_not_touched() {
         assert!(arrived, "{case}: {state:?}");
     }
 }
+
+/// Somebody stands on the path, walks along it slowly or comes along it: passed in little more time than the way alone takes.
+#[test]
+fn who_is_slower_is_passed() {
+    let map = LocalMap::new(&hall(9.0, 6.0), LocalMapParams::default()).unwrap();
+    let path = Path::from_positions(&[Vector2::new(1.0, 3.0), Vector2::new(8.0, 3.0)]).unwrap();
+    let limits = barn_limits();
+    for (speed, aside) in [(0.0, 0.0), (0.0, 0.15), (0.3, -0.1), (-0.3, 0.0), (-0.6, 0.05)] {
+        let mut teb = Teb::new(TebParams::for_footprint(footprint())).unwrap();
+        let mut state = VehicleState::new(Se2::new(1.0, 3.0, 0.0), Twist2::ZERO);
+        let mut arrived = None;
+        for cycle in 0..300 {
+            let time = 0.05 * f64::from(cycle);
+            let velocity = Vector2::new(speed, 0.0);
+            let mover = MovingObstacle::new(Vector2::new(4.0, 3.0 + aside) + velocity * time, velocity, 0.3).unwrap();
+            let request =
+                LocalPlanRequest { state, path: &path, map: &map, obstacles: &[mover], limits: &limits, dt: 0.05 };
+            let command = teb.command(request).unwrap();
+            state = state.after(&command.motion, 0.05);
+            if command.status == LocalPlanStatus::Arrived && state.twist == Twist2::ZERO {
+                arrived = Some(time);
+                break;
+            }
+        }
+        assert!(arrived.is_some_and(|time| time < 8.0), "{speed} {aside}: {arrived:?} {state:?}");
+    }
+}
+
+/// A post in a small window that the path leads out of: the vehicle passes it as far as the window shows.
+#[test]
+fn a_path_out_of_the_map_has_ways_around() {
+    let mut costmap = hall(4.5, 6.0);
+    disc(&mut costmap, Vector2::new(2.5, 3.0), 0.3);
+    let map = LocalMap::new(&costmap, LocalMapParams::default()).unwrap();
+    let path = Path::from_positions(&[Vector2::new(1.0, 3.0), Vector2::new(12.0, 3.0)]).unwrap();
+    let limits = barn_limits();
+    let mut teb = Teb::new(TebParams::for_footprint(footprint())).unwrap();
+    let mut state = VehicleState::new(Se2::new(1.0, 3.0, 0.0), Twist2::ZERO);
+    for _ in 0..300 {
+        let request = LocalPlanRequest { state, path: &path, map: &map, obstacles: &[], limits: &limits, dt: 0.05 };
+        let command = teb.command(request).unwrap();
+        state = state.after(&command.motion, 0.05);
+        assert_ne!(command.status, LocalPlanStatus::InCollision, "{state:?}");
+    }
+    assert!(state.map_from_base.x() > 3.0, "{state:?}");
+}

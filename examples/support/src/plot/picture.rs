@@ -58,6 +58,8 @@ fn svg(picture: &impl Picture) -> Result<String, String> {
     picture.draw(&area, 1, None)?;
     area.present().map_err(|error| error.to_string())?;
     drop(area);
+    // Lines that turn back would else end in spikes.
+    text = text.replacen("<svg ", "<svg stroke-linejoin=\"round\" ", 1);
     let Some(raster) = picture.raster(OVERSAMPLING) else { return Ok(text) };
     let link = format!("href=\"data:image/png;base64,{}\"", STANDARD.encode(encode(&raster)?));
     // <rect x= y= width= height= ... fill="#010203" .../> keeps its place and becomes the image.

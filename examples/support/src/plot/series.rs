@@ -9,7 +9,7 @@ use image::RgbImage;
 use plotters::{
     chart::{ChartBuilder, SeriesLabelPosition},
     coord::Shift,
-    element::PathElement,
+    element::{Circle, PathElement},
     prelude::{DrawingArea, DrawingBackend, LineSeries, WHITE},
     style::{Color as _, IntoFont as _, ShapeStyle},
 };
@@ -144,7 +144,15 @@ impl Picture for TimeSeries {
             .map_err(|error| text_of(&error))?;
         for (label, color, points) in &self.curves {
             let style = ShapeStyle::from(color.rgb()).stroke_width(2 * scale);
-            let series = chart.draw_series(LineSeries::new(points.iter().copied(), style));
+            let series = if scale < 2 {
+                chart.draw_series(LineSeries::new(points.iter().copied(), style))
+            } else {
+                // Plotters mitres the joints of a thick line in a bitmap, into spikes where it turns back: piece by piece it has
+                // none, and discs round the joints.
+                let joints = points.iter().map(|point| Circle::new(*point, scale as i32, style.color.filled()));
+                chart.draw_series(joints).map_err(|error| text_of(&error))?;
+                chart.draw_series(points.windows(2).map(|pair| PathElement::new(pair.to_vec(), style)))
+            };
             let series = series.map_err(|error| text_of(&error))?;
             if !label.is_empty() {
                 let length = 20 * scale as i32;

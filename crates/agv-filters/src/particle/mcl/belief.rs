@@ -1,8 +1,7 @@
 //! All of the filter that changes as it runs.
 
 use super::MclDiagnostics;
-use crate::particle::ParticleSet;
-use crate::particle::per_sensor::PerSensor;
+use crate::particle::{ParticleSet, excursion::Excursion, per_sensor::PerSensor};
 use agv_core::{
     geometry::{LieGroup, Se2, UncertainPose},
     odometry::OdometryIncrement,
@@ -16,14 +15,16 @@ pub(super) struct Belief {
     pub(super) particles: ParticleSet,
     /// Counts the random draws of the whole set, so that none uses a stream twice.
     pub(super) step: u64,
+    /// Its count when the particles were last drawn around a belief that was given: tells one such belief from the next.
+    pub(super) begun: u64,
     /// What the particles say; none before the first initialisation.
     pub(super) known: Option<Known>,
     /// Odometry that the particles have not followed yet.
     pub(super) pending: Option<OdometryIncrement>,
     /// All odometry since the initialisation.
     pub(super) odom_from_base: Se2,
-    /// Where the vehicle was, by the odometry, when the last observation of each sensor was applied.
-    pub(super) applied: PerSensor<Se2>,
+    /// The way since the last observation of each sensor that was applied.
+    pub(super) applied: PerSensor<Excursion>,
     pub(super) drawn: LastDrawn,
     pub(super) monitor: StatusMonitor,
     pub(super) diagnostics: MclDiagnostics,
@@ -47,8 +48,15 @@ pub(super) struct Known {
 pub(super) struct LastDrawn {
     /// Updates since then.
     pub(super) updates: u64,
-    /// The base then, in the frame that the odometry is summed up in.
-    pub(super) odom_from_base: Se2,
+    /// The way since then.
+    pub(super) way: Excursion,
+}
+
+impl LastDrawn {
+    /// Just now, with the vehicle here.
+    pub(super) const fn now(odom_from_base: Se2) -> Self {
+        Self { updates: 0, way: Excursion::from(odom_from_base) }
+    }
 }
 
 impl Belief {
@@ -58,6 +66,7 @@ impl Belief {
         Self {
             particles,
             step: 0,
+            begun: 0,
             known: None,
             pending: None,
             odom_from_base: Se2::identity(),
@@ -68,9 +77,18 @@ impl Belief {
         }
     }
 
+    /// The odometry says that the vehicle has moved on.
+    pub(super) fn moved(&mut self, motion: &Se2) {
+        self.odom_from_base = self.odom_from_base * *motion;
+        for way in self.applied.values_mut().chain([&mut self.drawn.way]) {
+            way.reached(&self.odom_from_base);
+        }
+    }
+
     /// The particles were drawn around a new belief, with these moments.
     pub(super) fn begin(&mut self, moments: UncertainPose<Se2>) {
         self.known = Some(Known { moments, pose: moments, stamp: None });
+        self.begun = self.step;
         self.pending = None;
         self.odom_from_base = Se2::identity();
         self.applied.clear();

@@ -5,7 +5,7 @@ use super::{
     belief::{Belief, Known, LastDrawn},
     filter::Mcl,
 };
-use crate::particle::{ParticleSet, per_sensor::PerSensor};
+use crate::particle::{ParticleSet, excursion::Excursion, per_sensor::PerSensor};
 use agv_core::{Error, check, compute::Seed, geometry::Se2, odometry::OdometryIncrement, roles::StatusMonitor};
 
 /// All of a filter that changes as it runs: particles, weights, seed and step, pending odometry, what each sensor has seen
@@ -18,6 +18,7 @@ use agv_core::{Error, check, compute::Seed, geometry::Se2, odometry::OdometryInc
 pub struct MclCheckpoint {
     seed: Seed,
     step: u64,
+    begun: u64,
     capacity: usize,
     poses: Vec<Se2>,
     /// None for a particle that an observation ruled out: texts have no number for −∞.
@@ -26,7 +27,7 @@ pub struct MclCheckpoint {
     known: Option<Known>,
     pending: Option<OdometryIncrement>,
     odom_from_base: Se2,
-    applied: PerSensor<Se2>,
+    applied: PerSensor<Excursion>,
     drawn: LastDrawn,
     monitor: StatusMonitor,
     diagnostics: MclDiagnostics,
@@ -35,11 +36,12 @@ pub struct MclCheckpoint {
 impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
     /// The state of the filter.
     pub fn checkpoint(&self) -> MclCheckpoint {
-        let Belief { particles, step, known, pending, odom_from_base, applied, drawn, monitor, diagnostics } =
+        let Belief { particles, step, begun, known, pending, odom_from_base, applied, drawn, monitor, diagnostics } =
             &self.belief;
         MclCheckpoint {
             seed: self.seed,
             step: *step,
+            begun: *begun,
             capacity: particles.capacity(),
             poses: particles.states().to_vec(),
             log_weights: particles.log_weights().iter().map(|&w| (w > f64::NEG_INFINITY).then_some(w)).collect(),
@@ -73,6 +75,7 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
         self.belief = Belief {
             particles,
             step: checkpoint.step,
+            begun: checkpoint.begun,
             known: checkpoint.known,
             pending: checkpoint.pending,
             odom_from_base: checkpoint.odom_from_base,

@@ -4,10 +4,11 @@ use super::{
     MclDiagnostics,
     belief::{Belief, Known, LastDrawn},
     filter::{Draw, Mcl},
+    temper::Taken,
 };
 use crate::particle::{
     MotionModel, ParticleSet, ProposalContext, ResampleContext, ResamplePolicy, Resampler, SampleSize, UpdateContext,
-    UpdatePolicy, WeighParticles, WeightSummary, set::WeighedSums,
+    UpdatePolicy, WeighParticles, WeightSummary, excursion::Excursion, set::WeighedSums,
 };
 use agv_core::{
     Error,
@@ -88,8 +89,10 @@ where
         let known = self.belief.known.ok_or(LocalizationError::NotInitialized)?;
         let here = self.belief.odom_from_base;
         let last = self.belief.applied.get(observation.kind(), observation.sensor());
-        let motion = last.map(|last| last.between(&here));
-        let context = motion.map(|motion| UpdateContext::new(observation.sensor(), motion));
+        let context = last.map(|last| {
+            let (distance, angle) = last.farthest();
+            UpdateContext::new(observation.sensor(), last.motion_to(&here)).having_been(distance, angle)
+        });
         if context.is_some_and(|context| !self.rules.update.is_due(&context)) {
             return Ok(UpdateOutcome::Skipped(SkipReason::LittleMotion));
         }
@@ -97,11 +100,11 @@ where
         let (outcome, pose) = match weighed {
             Err(reason) => (UpdateOutcome::Skipped(reason), known.pose),
             Ok((whole, sums)) => {
-                let (weights, degrees) = self.temper(observation, whole, &known.pose)?;
+                let Taken { weights, degrees, is_whole } = self.temper(observation, whole, &known.pose)?;
                 // Of what was weighed: what follows may look at other readings.
                 let readings = self.sensor.independent_readings();
                 // Before resampling, which adds variance and no knowledge.
-                let moments = match sums.filter(|_| weights == whole) {
+                let moments = match sums.filter(|_| is_whole) {
                     Some(sums) => sums.estimate()?,
                     None => self.belief.particles.estimate(self.par)?,
                 };
@@ -110,7 +113,8 @@ where
                 let explained = self.sensor.explained(observation, moments.mean());
                 let stamp = known.stamp.or_else(|| observation.stamp());
                 self.belief.known = Some(Known { moments, pose: moments, stamp });
-                *self.belief.applied.of(observation, here) = here;
+                let begun = Excursion::from(here);
+                *self.belief.applied.of(observation, begun) = begun;
                 let seen = Seen { weights, readings, explained, expected: &known.pose };
                 let share = adapt.fresh_share(observation, &seen);
                 let moments = if self.resample(observation, (weights, degrees), share, adapt) {
@@ -208,17 +212,21 @@ where
     {
         let seeds = [Draw::SampleSize, Draw::Resampling, Draw::Proposal].map(|draw| self.seed_for(draw));
         let [size_seed, seed, proposal_seed] = seeds;
-        let Belief { particles, step, drawn, diagnostics, odom_from_base, known, monitor, .. } = &mut self.belief;
+        let Belief { particles, step, begun, drawn, diagnostics, odom_from_base, known, monitor, .. } =
+            &mut self.belief;
         let estimate = known.map_or_else(Se2::identity, |known| *known.pose.mean());
         let is_narrow = known.is_some_and(|known| is_narrow(&known.pose, monitor.params()));
         drawn.updates = drawn.updates.saturating_add(1);
-        let motion = drawn.odom_from_base.between(odom_from_base);
-        let context = ResampleContext::new(weights, particles.len(), drawn.updates, motion);
+        let (distance, angle) = drawn.way.farthest();
+        let motion = drawn.way.motion_to(odom_from_base);
+        let context =
+            ResampleContext::new(weights, particles.len(), drawn.updates, motion).having_been(distance, angle);
         let is_due = self.rules.resample.is_due(&context);
         // No more than a set of twice the size holds: what is not looked at need not be drawn.
         let room = particles.capacity().min(2 * particles.len());
         let most = (share * room as f64).round() as usize;
         let context = ProposalContext::new(&self.free_space, estimate, self.par, proposal_seed, *step)
+            .in_belief(*begun)
             .after(diagnostics.updates, *odom_from_base)
             .of_particles(particles.len(), is_narrow);
         let proposed = if most > 0 { adapt.propose(observation, &mut self.sensor, &context, most) } else { &[] };
@@ -234,7 +242,7 @@ where
             fresh = proposed.len().min(wanted).min(count - 1);
             particles.resample(count - fresh, &self.rules.resampler, &mut seed.stream(*step, 0), self.par);
             particles.extend(&proposed[..fresh]);
-            *drawn = LastDrawn { updates: 0, odom_from_base: *odom_from_base };
+            *drawn = LastDrawn::now(*odom_from_base);
         }
         if resampled || most > 0 {
             *step = step.wrapping_add(1);

@@ -49,7 +49,7 @@ where
         known.stamp = Some(odometry.end);
         belief.monitor.moved(&known.pose);
         belief.pending = Some(pending);
-        belief.odom_from_base = belief.odom_from_base * motion;
+        belief.moved(&motion);
         Ok(())
     }
 

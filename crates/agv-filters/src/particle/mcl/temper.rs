@@ -85,17 +85,26 @@ impl TemperingParams {
     }
 }
 
+/// What the set holds of an observation.
+pub(super) struct Taken {
+    pub(super) weights: WeightSummary,
+    /// In how many degrees it was taken in.
+    pub(super) degrees: usize,
+    /// Whether particles and weights are those of the first weighing: all of it was taken in, at once.
+    pub(super) is_whole: bool,
+}
+
 impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
     /// If the weights have collapsed under an observation, takes it back and in again by degrees, or, in a belief as wide as
     /// `expected`, only as much of it as the set can bear.
     ///
-    /// `log_likelihoods` are those of the observation that the weights hold. Returns the weights, and in how many degrees.
+    /// `log_likelihoods` are those of the observation that the weights hold.
     pub(super) fn temper<Z: ?Sized>(
         &mut self,
         observation: &Z,
         mut weights: WeightSummary,
         expected: &UncertainPose<Se2>,
-    ) -> Result<(WeightSummary, usize), Error>
+    ) -> Result<Taken, Error>
     where
         S: WeighParticles<Z>,
         R: Resampler,
@@ -107,7 +116,8 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
         let [least, target] = [collapse, target].map(|share| share * count as f64);
         let log_likelihoods = &mut self.log_likelihoods[..count];
         let (mut rest, mut degrees) = (1.0, 1);
-        while weights.effective_sample_size < least {
+        let is_whole = !is_collapsed(&weights, least);
+        while is_collapsed(&weights, least) {
             if degrees == most || expected.position_deviation() > widest {
                 (weights, _) = particles.temper(log_likelihoods, weights, least, self.par);
                 break;
@@ -126,7 +136,7 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
             *step = step.wrapping_add(1);
             // Equal, should the observation weigh nothing where they are now.
             weights = WeightSummary { log_evidence: weights.log_evidence, ..WeightSummary::uniform(count) };
-            *drawn = LastDrawn { updates: 0, odom_from_base: *odom_from_base };
+            *drawn = LastDrawn::now(*odom_from_base);
             if self.sensor.weigh(observation, particles.states(), log_likelihoods, self.par).is_err() {
                 break;
             }
@@ -138,8 +148,13 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N> {
             weights = WeightSummary { log_evidence: weights.log_evidence, ..tempered };
             degrees += 1;
         }
-        Ok((weights, degrees))
+        Ok(Taken { weights, degrees, is_whole })
     }
+}
+
+/// Whether an observation has left fewer particles effective than the set can carry.
+fn is_collapsed(weights: &WeightSummary, least: f64) -> bool {
+    weights.effective_sample_size < least
 }
 
 #[cfg(test)]

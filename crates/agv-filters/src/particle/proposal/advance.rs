@@ -62,8 +62,8 @@ impl LikelihoodSearch {
     ) -> usize {
         let found = self.search(observation, sensor, context);
         let state = &mut self.state;
-        (state.odom_from_base, state.next_update, state.tried) =
-            (context.odom_from_base, context.updates.wrapping_add(1), 0);
+        state.tried = 0;
+        state.goes_on_after(context);
         self.remember();
         found
     }
@@ -71,7 +71,7 @@ impl LikelihoodSearch {
     /// The known places where the vehicle would be now if it had been there, or none if the search begins.
     fn carry(&mut self, context: &ProposalContext<'_>) {
         let state = &mut self.state;
-        if context.updates != state.next_update {
+        if !state.goes_on_with(context) {
             state.places.clear();
             state.tried = 0;
         }
@@ -82,8 +82,7 @@ impl LikelihoodSearch {
             log_likelihood: f64::NEG_INFINITY,
             rounds: place.rounds,
         }));
-        state.odom_from_base = context.odom_from_base;
-        state.next_update = context.updates.wrapping_add(1);
+        state.goes_on_after(context);
     }
 
     /// Lines up the known places and the next candidates.
@@ -181,6 +180,19 @@ mod tests {
         // An update that did not search comes between: it begins anew.
         follow(&mut search, 13..14);
         assert!(search.state.tried < 400);
+    }
+
+    #[test]
+    fn what_was_found_in_another_belief_is_forgotten() {
+        let (space, mut search) = (space(), LikelihoodSearch::new(LikelihoodSearchParams::default()).unwrap());
+        follow(&mut search, 0..5);
+        // Put elsewhere and initialised anew; by chance the search begins at the update that the old one would go on with.
+        let context = ProposalContext::new(&space, Se2::identity(), Par::Seq, Seed(1), 0).after(5, Se2::identity());
+        let mut same = search.clone();
+        same.carry(&context);
+        assert!(!same.found.is_empty() && same.state.tried > 0);
+        search.carry(&context.in_belief(7));
+        assert!(search.found.is_empty() && search.state.tried == 0);
     }
 
     #[test]

@@ -32,6 +32,8 @@ pub struct ProposalContext<'a> {
     pub particles: usize,
     /// Whether the belief is narrow: the vehicle is tracked, if it is where it is taken to be.
     pub is_narrow: bool,
+    /// Tells the belief that was given last from those before: after each initialisation another number.
+    pub belief: u64,
     /// Updates applied before this one since the belief was given.
     pub updates: u64,
     /// The base in the frame that the odometry is summed up in: what the vehicle has moved since an earlier call.
@@ -46,7 +48,24 @@ impl<'a> ProposalContext<'a> {
     /// Draws from the streams of (`seed`, `step`), which nothing else may draw from; the first update of a belief that says nothing.
     pub fn new(free_space: &'a FreeSpace, estimate: Se2, par: Par, seed: Seed, step: u64) -> Self {
         let odom_from_base = Se2::identity();
-        Self { free_space, estimate, particles: 0, is_narrow: false, updates: 0, odom_from_base, par, seed, step }
+        Self {
+            free_space,
+            estimate,
+            particles: 0,
+            is_narrow: false,
+            belief: 0,
+            updates: 0,
+            odom_from_base,
+            par,
+            seed,
+            step,
+        }
+    }
+
+    /// The same in another belief.
+    #[must_use]
+    pub const fn in_belief(self, belief: u64) -> Self {
+        Self { belief, ..self }
     }
 
     /// The same after so many updates, with the odometry summed up.

@@ -66,8 +66,8 @@ pub trait SensorModel<Z: ?Sized> {
     /// Why the observation cannot weigh anything: [`SkipReason::TooFewReadings`] for a scan without usable beams.
     fn condition<'a>(&'a mut self, observation: &'a Z) -> Result<impl PoseLikelihood + 'a, SkipReason>;
 
-    /// The pose near `guess` that explains the observation best, `guess` being what is known without it; none if there is no
-    /// better one, or the model cannot tell.
+    /// The pose near `guess` that explains the observation best; none if there is no better one, or the model cannot tell. `guess` has
+    /// the mean of the particles after the observation was weighed, and the covariance of what was known before.
     fn refine(&mut self, observation: &Z, guess: &UncertainPose<Se2>) -> Option<Se2> {
         let _ = (observation, guess);
         None

@@ -67,10 +67,8 @@ pub trait WeighParticles<Z: ?Sized> {
         None
     }
 
-    /// The pose near `guess` that explains the observation best, `guess` being what is known without it; none if there is no
-    /// better one, or the sensor cannot tell.
-    ///
-    /// Asked once per update, for the estimate.
+    /// The pose near `guess` that explains the observation best; none if there is no better one, or the model cannot tell. `guess` has
+    /// the mean of the particles after the observation was weighed, and the covariance of what was known before.
     fn refine(&mut self, observation: &Z, guess: &UncertainPose<Se2>) -> Option<Se2> {
         let _ = (observation, guess);
         None

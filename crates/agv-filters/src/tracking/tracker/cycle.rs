@@ -65,7 +65,7 @@ impl ObstacleTracker {
             let known = outline.hull.is_none().then_some(track.radius);
             let better = known
                 .and_then(|radius| Outline::of(points, &sensor, cluster.hidden, params.surface_sigma, Some(radius)));
-            if !track.update(&better.unwrap_or(outline), points, now, params.memory / 3.0) {
+            if !track.update(&better.unwrap_or(outline), points, now, params) {
                 track.absent = f64::INFINITY;
                 continue;
             }

@@ -8,7 +8,7 @@ use crate::local::{
 };
 use agv_core::{
     compute::Seed,
-    geometry::Se2,
+    geometry::{LieGroup, Se2},
     grid::{CellState, Costmap, Footprint, Grid, GridLayout, LocalMap, LocalMapParams},
     kinematics::MotionLimits,
     obstacle::MovingObstacle,
@@ -16,6 +16,7 @@ use agv_core::{
     roles::VehicleState,
 };
 use rand_distr::{Distribution, Normal};
+use std::f64::consts::FRAC_PI_2;
 
 fn hall(post: Option<(f64, f64, f64)>) -> LocalMap {
     let layout = GridLayout::new(180, 120, 0.05, Se2::new(-1.5, -3.0, 0.0)).unwrap();
@@ -218,10 +219,10 @@ fn a_post_in_the_short_way_is_turned_around() {
 #[test]
 fn a_stop_on_the_way_is_no_turn() {
     let (map, limits, way) = (hall(None), MotionLimits::default(), path());
-    let mut planner = Dwa::new(params()).unwrap();
+    let planner = Dwa::new(params()).unwrap();
     let state = VehicleState::new(Se2::default(), Twist2::new(0.3, 0.0, 0.0));
     let request = LocalPlanRequest { state, path: &way, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
-    let command = planner.turn(&request, 0.0).unwrap();
+    let command = lead::turn(&planner.guard, &request, 0.0).unwrap();
     assert_eq!(command.motion.twist.yaw_rate, 0.0);
     assert!((command.motion.twist.vx - 0.25).abs() < 1e-9 && command.status == LocalPlanStatus::Following);
 }
@@ -274,4 +275,48 @@ fn the_window_follows_speed_and_room() {
     assert_eq!(time(&free, 1.0), 0.6);
     assert_eq!(time(&free, 0.0), 0.3);
     assert!(time(&near, 1.0) < 0.25);
+}
+
+/// Nothing stands in the hall, so whoever bars all ways is waited for, not planned around.
+#[test]
+fn who_moves_and_rules_all_trajectories_out_is_told() {
+    let (map, limits, way) = (hall(None), MotionLimits::default(), path());
+    for (vx, x) in [(0.0, 0.3), (0.8, 0.3)] {
+        let mut planner = Dwa::new(params()).unwrap();
+        let person = [MovingObstacle::new(Vector2::new(x, 0.0), Vector2::new(-0.5, 0.0), 0.5).unwrap()];
+        let state = VehicleState::new(Se2::default(), Twist2::new(vx, 0.0, 0.0));
+        let command = planner
+            .command(LocalPlanRequest { state, path: &way, map: &map, obstacles: &person, limits: &limits, dt: 0.1 })
+            .unwrap();
+        assert!(planner.costs().iter().all(|cost| cost.is_infinite()), "{vx} {x}");
+        assert_eq!(command.status, LocalPlanStatus::Blocked(BlockReason::MovingObstacle), "{vx} {x}");
+    }
+}
+
+/// What was left of the last path is no progress on the next, even if that begins with a turn.
+#[test]
+fn a_path_that_begins_with_a_turn_is_a_new_one() {
+    let (map, limits) = (hall(None), MotionLimits::default());
+    let mut planner = Dwa::new(DwaParams { patience: 3.0, ..params() }).unwrap();
+    let mut state = VehicleState::new(Se2::new(0.0, -2.0, FRAC_PI_2), Twist2::ZERO);
+    let first = Path::from_positions(&[Vector2::new(0.0, -2.0), Vector2::new(0.0, -1.0)]).unwrap();
+    let mut second = Path::new();
+    for (x, yaw) in [(0.0, FRAC_PI_2), (0.0, 0.0), (6.0, 0.0)] {
+        second.push(PathPoint { pose: Se2::new(x, -1.0, yaw), ..PathPoint::default() }).unwrap();
+    }
+    for (path, turns) in [(&first, false), (&second, true)] {
+        let mut status = LocalPlanStatus::Following;
+        state.twist = Twist2::ZERO;
+        for cycle in 0..300 {
+            let request = LocalPlanRequest { state, path, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
+            let command = planner.command(request).unwrap();
+            assert!(!turns || cycle > 0 || command.motion.twist.yaw_rate.abs() > 0.05, "{command:?}");
+            state = state.after(&command.motion, 0.1);
+            status = command.status;
+            if status == LocalPlanStatus::Arrived {
+                break;
+            }
+        }
+        assert_eq!(status, LocalPlanStatus::Arrived, "{state:?}");
+    }
 }

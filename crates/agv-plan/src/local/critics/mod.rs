@@ -95,23 +95,67 @@ pub(crate) fn score(
     totals: &mut Vec<f32>,
     scratch: &mut Vec<f32>,
 ) {
-    totals.clear();
+    assess(critics, batch, scene, scratch, totals);
+    let rows = scratch.chunks_exact(batch.len().max(1));
+    for (critic, costs) in critics.iter().zip(rows) {
+        let mut spread = Spread::NONE;
+        spread.take(costs);
+        critic.add_to(costs, spread, totals);
+    }
+}
+
+/// What each critic says of each trajectory, a row for each critic; `out` is infinite for those that are ruled out.
+pub(crate) fn assess(
+    critics: &mut [Critic],
+    batch: &Trajectories,
+    scene: &Scene<'_>,
+    rows: &mut Vec<f32>,
+    out: &mut Vec<f32>,
+) {
+    out.clear();
     // What touches something at once has no way to be judged by.
-    totals.extend(batch.free().iter().map(|&free| if free == 0 { f32::INFINITY } else { 0.0 }));
+    out.extend(batch.free().iter().map(|&free| if free == 0 { f32::INFINITY } else { 0.0 }));
+    rows.clear();
     for critic in critics {
-        scratch.clear();
-        scratch.extend(totals.iter().map(|total| if total.is_finite() { 0.0 } else { f32::INFINITY }));
-        critic.cost.add_costs(batch, scene, scratch);
-        let (mut offset, mut scale) = (0.0, critic.weight);
-        if critic.normalized {
-            let finite = || scratch.iter().copied().filter(|cost| cost.is_finite());
-            let (least, greatest) =
-                (finite().fold(f32::INFINITY, f32::min), finite().fold(f32::NEG_INFINITY, f32::max));
+        let begin = rows.len();
+        rows.extend_from_slice(out);
+        let Some(costs) = rows.get_mut(begin..) else { continue };
+        critic.cost.add_costs(batch, scene, costs);
+        for (out, cost) in out.iter_mut().zip(costs) {
+            *out = if cost.is_finite() { *out } else { f32::INFINITY };
+        }
+    }
+}
+
+/// Least and greatest finite cost that a critic gave.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(crate) struct Spread {
+    least: f32,
+    greatest: f32,
+}
+
+impl Spread {
+    pub(crate) const NONE: Self = Self { least: f32::INFINITY, greatest: f32::NEG_INFINITY };
+
+    /// Takes in some costs.
+    pub(crate) fn take(&mut self, costs: &[f32]) {
+        for &cost in costs.iter().filter(|cost| cost.is_finite()) {
+            (self.least, self.greatest) = (self.least.min(cost), self.greatest.max(cost));
+        }
+    }
+}
+
+impl Critic {
+    /// Adds its costs, which have this spread, to the totals.
+    pub(crate) fn add_to(&self, costs: &[f32], spread: Spread, totals: &mut [f32]) {
+        let (mut offset, mut scale) = (0.0, self.weight);
+        if self.normalized {
+            let Spread { least, greatest } = spread;
             // All alike: nothing to say.
-            scale = if greatest > least { critic.weight / (greatest - least) } else { 0.0 };
+            scale = if greatest > least { self.weight / (greatest - least) } else { 0.0 };
             offset = if least.is_finite() { least } else { 0.0 };
         }
-        for (total, &cost) in totals.iter_mut().zip(scratch.iter()) {
+        for (total, &cost) in totals.iter_mut().zip(costs) {
             *total += if cost.is_finite() { scale * (cost - offset) } else { f32::INFINITY };
         }
     }

@@ -126,3 +126,52 @@ fn the_inside_of_an_obstacle_is_no_free_ground() {
         assert!(gap > 0.3 || (found - gap).abs() < 1e-3, "{found} {gap}");
     }
 }
+
+/// A sequence that always aims at the same is the trajectory of that aim, and tells what was done.
+#[test]
+fn sequences_of_one_aim_are_trajectories() {
+    let map = map_with(&[(110, 82)], 0.2);
+    let footprint = Footprint::rectangle(-0.2, 0.3, 0.4).unwrap();
+    let state = VehicleState::new(Se2::new(0.1, 0.0, 0.4), Twist2::new(0.3, 0.0, 0.2));
+    for (name, limits) in laws::vehicles() {
+        let aim = |i: usize| [-0.2 + 0.06 * i as f32, 0.0, -0.9 + 0.1 * i as f32];
+        let (mut plain, mut sequences) = (Trajectories::default(), Trajectories::default());
+        plain.begin(&state, &map, 25, 0.1);
+        (0..19).for_each(|i| plain.push(aim(i)));
+        sequences.begin_sequences(&state, &map, (19, 25), 0.1);
+        for (step, k) in (0..25).flat_map(|step| (0..3).map(move |k| (step, k))) {
+            (0..19).for_each(|i| sequences.controls_mut(step)[k][i] = aim(i)[k]);
+        }
+        plain.roll_out(&state, &limits, &map, &footprint);
+        sequences.roll_out(&state, &limits, &map, &footprint);
+        assert!(plain.free().iter().any(|&free| free < 25) && plain.free().contains(&25), "{name}");
+        assert_eq!(plain.free(), sequences.free());
+        for step in 0..25 {
+            let (a, b) = (plain.at_step(step), sequences.at_step(step));
+            assert!(a.x == b.x && a.y == b.y && a.sin == b.sin && a.clearance == b.clearance, "{name}");
+        }
+        // The targets are reached, and the means lie between them and the beginning.
+        let (end, mean) = (sequences.control(18, 24), sequences.target(18));
+        assert!((end[0] - aim(18)[0]).abs() < 1e-6 && mean[0] > 0.3 && mean[0] < end[0], "{name}: {end:?} {mean:?}");
+    }
+}
+
+/// A group that is deep in an obstacle is left there; others go on.
+#[test]
+fn those_who_are_stuck_are_left() {
+    let walls: Vec<_> = (100..160).flat_map(|x| (60..100).map(move |y| (x, y))).collect();
+    let (map, mut limits) = (map_with(&walls, 0.0), MotionLimits::default());
+    // Half a metre until rest.
+    limits.twist.deceleration = 1.0;
+    let state = VehicleState::new(Se2::default(), Twist2::new(1.0, 0.0, 0.0));
+    let mut batch = Trajectories::default();
+    batch.begin(&state, &map, 30, 0.1);
+    (0..16).for_each(|_| batch.push([1.0, 0.0, 0.0]));
+    (0..16).for_each(|i| batch.push([0.0, 0.0, 0.1 * i as f32]));
+    batch.roll_out(&state, &limits, &map, &Footprint::circle(0.2).unwrap());
+    let end = batch.at_step(29);
+    // The wall is a metre ahead.
+    assert!(batch.free()[..16].iter().all(|&free| free == 7 || free == 8), "{:?}", batch.free());
+    assert!(end.x[..16].iter().all(|&x| x < 1.1) && end.clearance[..16].iter().all(|&c| c == f32::NEG_INFINITY));
+    assert!(batch.free()[16..].iter().all(|&free| free == 30) && end.clearance[16..].iter().all(|&c| c > 0.0));
+}

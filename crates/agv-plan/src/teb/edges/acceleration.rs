@@ -4,7 +4,10 @@ use super::{
     BandEdge, Residuals, Term, Window,
     segment::{Segment, change, pair},
 };
-use agv_core::kinematics::{MotionLimits, TwistLimits};
+use agv_core::{
+    geometry::Twist2,
+    kinematics::{MotionLimits, TwistLimits},
+};
 
 /// Speeds change within the limits:
 ///
@@ -56,20 +59,20 @@ fn linear_limit(limits: &TwistLimits, before: f64, after: f64) -> f64 {
     if after.abs() > before.abs() { limits.acceleration } else { limits.deceleration }
 }
 
-/// The band's first speed can be reached from the vehicle's, or its last one from the goal's. The mean speed of an interval is that
-/// in its middle:
+/// The band's first velocity can be reached from the vehicle's, or its last one from the goal's. The mean velocity of an interval is
+/// that in its middle:
 ///
 /// ```text
 /// a₀ = 2 (v₀ - v) / Δt₀
 /// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct EndSpeed {
-    /// Speed at the end, in metres per second.
-    pub speed: f64,
-    /// Turn rate at the end, in radians per second.
-    pub yaw_rate: f64,
+    /// Velocity at the end, in the vehicle's frame.
+    pub twist: Twist2,
     /// What the accelerations may be.
     pub limits: TwistLimits,
+    /// Whether the velocity to the side counts: that of a vehicle that rolls is zero in any case.
+    pub sideways: bool,
     /// Whether it is the goal's end.
     pub at_end: bool,
     /// Weight.
@@ -80,7 +83,6 @@ impl BandEdge<7> for EndSpeed {
     #[inline]
     fn residuals(&self, window: &Window<7>, out: &mut impl Residuals) {
         let segment = Segment::new(window);
-        let (v, w) = (segment.rate(&segment.along), segment.rate(&segment.turn));
         let (per, root) = (2.0 / window.unknowns[3], self.weight.sqrt());
         let mut edge = |rate: &Term<7>, given: f64, limit: f64| {
             let value = per * (rate.value - given);
@@ -88,12 +90,16 @@ impl BandEdge<7> for EndSpeed {
             gradient[3] -= 0.5 * per * value;
             Term { value, gradient }.within(limit, root, out);
         };
-        let linear = if self.at_end {
-            linear_limit(&self.limits, v.value, self.speed)
-        } else {
-            linear_limit(&self.limits, self.speed, v.value)
+        let linear = |inner: f64, given: f64| {
+            let (before, after) = if self.at_end { (inner, given) } else { (given, inner) };
+            linear_limit(&self.limits, before, after)
         };
-        edge(&v, self.speed, linear);
-        edge(&w, self.yaw_rate, self.limits.yaw_acceleration);
+        let v = segment.rate(&segment.along);
+        edge(&v, self.twist.vx, linear(v.value, self.twist.vx));
+        if self.sideways {
+            let u = segment.rate(&segment.across);
+            edge(&u, self.twist.vy, linear(u.value, self.twist.vy));
+        }
+        edge(&segment.rate(&segment.turn), self.twist.yaw_rate, self.limits.yaw_acceleration);
     }
 }

@@ -11,6 +11,8 @@
 //! Limits are hinges: nothing within, linear beyond, their square in the cost.
 
 mod acceleration;
+#[cfg(test)]
+mod dual;
 mod guide;
 mod motion;
 mod obstacle;
@@ -75,7 +77,7 @@ impl<const K: usize> Term<K> {
 mod tests {
     use super::*;
     use agv_core::{
-        geometry::Se2,
+        geometry::{Se2, Twist2},
         grid::{Cell, CellState, Costmap, Grid, GridLayout, LocalMap, LocalMapParams, cost},
         kinematics::{MotionLimits, SteeringLimits, TwistLimits},
         obstacle::{Hull, MovingObstacle},
@@ -127,7 +129,7 @@ mod tests {
         !said(&window).is_empty()
     }
 
-    fn windows() -> impl Strategy<Value = [f64; 11]> {
+    pub(super) fn windows() -> impl Strategy<Value = [f64; 11]> {
         let step = || (0.05..0.4_f64, -0.3..0.3_f64, -0.6..0.6_f64, 0.05..0.5_f64, 0.05..0.5_f64);
         (step(), step(), -3.0..3.0_f64).prop_map(|(a, b, yaw)| {
             let (c, s) = (yaw.cos(), yaw.sin());
@@ -137,7 +139,7 @@ mod tests {
         })
     }
 
-    fn limits() -> MotionLimits {
+    pub(super) fn limits() -> MotionLimits {
         let twist = TwistLimits { forward_speed: 0.4, yaw_rate: 0.4, lateral_speed: 0.1, ..TwistLimits::default() };
         MotionLimits { twist, steering: Some(SteeringLimits::default()), lateral_acceleration: Some(0.1) }
     }
@@ -154,8 +156,9 @@ mod tests {
             check(&TurningRadius { max_curvature: 0.5, weight: 7.0 }, &window, 1e-5);
             check(&SteeringRate { curvature_rate: 0.3, weight: 7.0 }, &window, 1e-4);
             check(&Acceleration::new(&limits, 0.9, 2.0), &window, 1e-4);
-            check(&EndSpeed { speed: 0.2, yaw_rate: 0.1, limits: limits.twist, at_end: false, weight: 2.0 }, &window, 1e-4);
-            check(&EndSpeed { speed: 0.0, yaw_rate: 0.0, limits: limits.twist, at_end: true, weight: 2.0 }, &window, 1e-4);
+            let (start, goal) = (Twist2::new(0.2, -0.1, 0.1), Twist2::ZERO);
+            check(&EndSpeed { twist: start, limits: limits.twist, sideways: true, at_end: false, weight: 2.0 }, &window, 1e-4);
+            check(&EndSpeed { twist: goal, limits: limits.twist, sideways: false, at_end: true, weight: 2.0 }, &window, 1e-4);
             let free = MotionLimits { steering: None, ..limits };
             check(&Speed::new(&free, 0.0, 3.0, 5.0), &window, 1e-5);
             check(&Acceleration::new(&free, 0.9, 2.0), &window, 1e-4);
@@ -184,7 +187,9 @@ mod tests {
         for i in 0..40 {
             let at = Vector2::new(2.04 + 0.05 * f64::from(i % 8), 2.04 + 0.05 * f64::from(i / 8));
             let window = [at.x, at.y, 0.7, 0.2, at.x + 0.3, at.y + 0.21, 0.5, 0.2, 3.0, 3.0, 0.4];
-            let clear = Clearance { map: &map, circles: &circles, clearance: 0.5, weight: 4.0 };
+            let (clearance, inflation) = (0.5, 0.7);
+            let (weight, inflation_weight) = (4.0, 1.0);
+            let clear = Clearance { map: &map, circles: &circles, clearance, weight, inflation, inflation_weight };
             // f32 cells.
             seen += usize::from(check(&clear, &window, 2e-2));
             let cautious =

@@ -35,8 +35,9 @@ fn clearance<const K: usize>(map: &LocalMap, circle: &Circle, window: &Window<K>
     Some(Term { value, gradient: [slope.x, slope.y, slope.dot(&by_yaw)] })
 }
 
-/// The vehicle keeps clear of what stands: `√w (clearance wanted - clearance)` for each of its circles where that is positive, on the
-/// field of distances; as fast for a thousand obstacles as for one.
+/// The vehicle keeps clear of what stands: `√w (clearance wanted - clearance)` for each of its circles where that is positive, and
+/// the same with another weight for a greater clearance that is wished; on the field of distances, as fast for a thousand obstacles
+/// as for one.
 #[derive(Debug, Clone, Copy)]
 pub struct Clearance<'a> {
     /// Where the obstacles are.
@@ -47,15 +48,23 @@ pub struct Clearance<'a> {
     pub clearance: f64,
     /// Weight, in 1/m².
     pub weight: f64,
+    /// Clearance that is wished, in metres; no more than what is wanted for none.
+    pub inflation: f64,
+    /// Weight of what is missing to that, in 1/m².
+    pub inflation_weight: f64,
 }
 
 impl BandEdge<3> for Clearance<'_> {
     #[inline]
     fn residuals(&self, window: &Window<3>, out: &mut impl Residuals) {
-        let root = self.weight.sqrt();
+        let (root, wish) = (self.weight.sqrt(), self.inflation_weight.sqrt());
         for circle in self.circles {
             if let Some(term) = clearance(self.map, circle, window) {
-                term.negated().at_most(-self.clearance, root, out);
+                let term = term.negated();
+                term.at_most(-self.clearance, root, out);
+                if self.inflation > self.clearance {
+                    term.at_most(-self.inflation, wish, out);
+                }
             }
         }
     }

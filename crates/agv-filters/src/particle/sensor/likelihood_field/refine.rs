@@ -1,6 +1,6 @@
 //! The best pose near a guess: the particles are few and their mean is off by that, the peak of the likelihood is not.
 //!
-//! The pose `x` minimises, by Gauss-Newton steps from the guess `x₀` with covariance `Σ`,
+//! The pose `x` minimises, by Gauss-Newton steps from the guess `x₀` with covariance `Σ = P + diag(2k²/m, 2k²/m, 0)`,
 //!
 //! ```text
 //! ½ |x ⊖ x₀|²_Σ + a Σ_i (1 - exp(-d_i² / 2k²))        k = σ_hit / √3
@@ -9,7 +9,12 @@
 //! with `d_i` the distance of an end point from the nearest obstacle, as the field has it, and `a` the weight of a beam. The second
 //! term grows as `a d² / 2k²` and levels off (Welsch's kernel; Barron, *A general and adaptive robust loss function*, 2019, α → -∞;
 //! it is the sum of cubes again): what the map does not show pulls no more. The product of the beams' likelihoods goes on pulling up to three
-//! deviations, and the mean of the particles with it. Between the centres of cells the distance is interpolated, so that the
+//! deviations, and the mean of the particles with it.
+//!
+//! `P` is what was known before the scan, and `2k²/m`, with `m` the beams that the scan counts as, what the scan leaves open of the
+//! position as bluntly as it counts for the particles: the guess is their mean, which has followed the scan no nearer than that, while the
+//! peak is right to a centimetre. Without it a motion that is known well, as wheels and gyro together know it, holds the mean tighter than
+//! it deserves, and the estimate off the peak. Between the centres of cells the distance is interpolated, so that the
 //! pose is not tied to them.
 
 #![expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set found at run time")]
@@ -51,7 +56,7 @@ struct Normal {
 impl Refiner<'_> {
     /// The pose; none if it is not better than the guess.
     pub(super) fn refine(&self, guess: &UncertainPose<Se2>) -> Option<Se2> {
-        let information = guess.covariance().try_inverse()?;
+        let information = (guess.covariance() + self.bluntness()).try_inverse()?;
         let mut pose = *guess.mean();
         let mut normal = self.normal(&pose, guess.mean(), &information);
         let first = normal.cost;
@@ -65,6 +70,13 @@ impl Refiner<'_> {
         }
         // NaN is not better.
         (normal.cost < first).then_some(pose)
+    }
+
+    /// What the scan leaves open where it is taken in as particles are weighed, `m` beams counting for one axis or the other: `2k² / m`.
+    fn bluntness(&self) -> Matrix3<f64> {
+        let beams = self.weight * self.ends.len() as f64;
+        let variance = 2.0 * self.table.sigma * self.table.sigma / (3.0 * beams.max(1.0));
+        Matrix3::from_diagonal(&Vector3::new(variance, variance, 0.0))
     }
 
     fn normal(&self, pose: &Se2, guess: &Se2, information: &Matrix3<f64>) -> Normal {
@@ -250,6 +262,18 @@ mod tests {
         let found =
             model.refine(&scan(&truth, false), &guess(truth.plus(&Vector3::new(0.1, 0.08, 0.03)), 0.1)).unwrap();
         assert!((found.x() - 0.1).abs() < 0.02 && (found.y() - 0.3).abs() < 0.015, "{found:?}");
+    }
+
+    /// The mean of the particles has followed the scan as bluntly as the scan counts for them, however tight the motion before it: the
+    /// estimate goes half of the way that is left.
+    #[test]
+    fn a_tight_guess_does_not_hold_the_estimate_off_the_peak() {
+        let mut model = model(true);
+        let truth = Se2::new(0.3, -0.2, 0.0);
+        let off = 0.06;
+        let tight = guess(truth.plus(&Vector3::new(off, 0.0, 0.0)), 0.002);
+        let left = model.refine(&scan(&truth, true), &tight).unwrap().minus(&truth).x;
+        assert!((0.3 * off..0.8 * off).contains(&left), "{left}");
     }
 
     #[test]
