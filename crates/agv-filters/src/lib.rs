@@ -20,6 +20,8 @@
 //!
 //! [`matching`] tells where a laser scan was taken by other scans or a map: [`matching::CorrelativeMatcher`].
 //!
+//! [`slam`] makes the map on the way: [`slam::graph::GraphSlam`].
+//!
 //! [`tracking`] finds what moves around the vehicle: [`tracking::ObstacleTracker`].
 //!
 //! [`marker`] turns codes and landmarks into poses: [`marker::CodeReader`] locates floor codes in an image,
@@ -39,4 +41,5 @@ pub mod landmark;
 pub mod marker;
 pub mod matching;
 pub mod particle;
+pub mod slam;
 pub mod tracking;

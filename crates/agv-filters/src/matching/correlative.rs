@@ -4,7 +4,7 @@ use super::{
     params::{CorrelativeParams, SearchWindow},
     refine::refine,
     search::{Scratch, search},
-    target::{Target, thinned},
+    target::{Squares, Target, thin_into},
 };
 use agv_core::{
     Error, check,
@@ -42,6 +42,8 @@ pub struct CorrelativeMatcher {
     params: CorrelativeParams,
     target: Option<Target>,
     scratch: Scratch,
+    squares: Squares,
+    points: Vec<Vector2<f64>>,
 }
 
 impl CorrelativeMatcher {
@@ -51,7 +53,7 @@ impl CorrelativeMatcher {
     /// As [`CorrelativeParams::validate`].
     pub fn new(params: CorrelativeParams) -> Result<Self, Error> {
         params.validate()?;
-        Ok(Self { params, target: None, scratch: Scratch::default() })
+        Ok(Self { params, target: None, scratch: Scratch::default(), squares: Vec::new(), points: Vec::new() })
     }
 
     /// Its parameters.
@@ -72,14 +74,14 @@ impl CorrelativeMatcher {
             occupied(*cell) && !around.into_iter().all(occupied)
         });
         let points: Vec<_> = surfaces.map(|cell| layout.center(cell)).collect();
-        self.target = Some(Target::new(&points, &self.params)?);
-        Ok(())
+        self.set_points(&points)
     }
 
     /// As [`match_scan`](ScanMatcher::match_scan), in another window than that of the parameters: a wide one to close a loop. Without a
     /// search where the window's distance and angle are zero.
     ///
-    /// Time grows with the poses of the window only as far as many fit about as well as the best.
+    /// Time grows with the poses of the window only as far as many fit about as well as the best. Allocates nothing once a scan of
+    /// as many beams was matched in as wide a window with this target.
     ///
     /// # Errors
     /// As [`match_scan`](ScanMatcher::match_scan), and for a window that [`SearchWindow::checked`] refuses.
@@ -89,21 +91,33 @@ impl CorrelativeMatcher {
         guess: &Se2,
         window: SearchWindow,
     ) -> Result<Alignment<Se2>, AlignmentError> {
+        thin_into(scan.points_in_base(), self.params.resolution, &mut self.squares, &mut self.points);
+        let points = std::mem::take(&mut self.points);
+        let result = self.match_points(&points, guess, window);
+        self.points = points;
+        result
+    }
+
+    /// As [`match_within`](Self::match_within), for end points in the base frame, thinned to the resolution.
+    pub(crate) fn match_points(
+        &mut self,
+        points: &[Vector2<f64>],
+        guess: &Se2,
+        window: SearchWindow,
+    ) -> Result<Alignment<Se2>, AlignmentError> {
         window.checked(self.params.resolution)?;
         check::all_finite("guess", &[guess.x(), guess.y(), guess.yaw()])?;
         let Some(target) = &mut self.target else { return Err(AlignmentError::NoTarget) };
-        let points: Vec<Vector2<f64>> = scan.points_in_base().collect();
-        let points = thinned(&points, self.params.resolution);
         let mut result = Alignment::unknown(*guess, Termination::TooFewPoints);
         if points.len() < self.params.min_points {
             return Ok(result);
         }
         let mut start = *guess;
         if window.distance > 0.0 || window.angle > 0.0 {
-            let Some(found) = search(target, &points, guess, &window, &mut self.scratch) else { return Ok(result) };
+            let Some(found) = search(target, points, guess, &window, &mut self.scratch) else { return Ok(result) };
             (start, result.iterations) = (found.pose, found.evaluated);
         }
-        let refined = refine(target, &points, &start, &self.params);
+        let refined = refine(target, points, &start, &self.params);
         result.iterations += refined.iterations;
         result.inlier_ratio = refined.inliers as f64 / points.len() as f64;
         result.score = refined.score;
@@ -114,6 +128,12 @@ impl CorrelativeMatcher {
             result.unobserved = unobserved_directions::<Se2>(&refined.information, self.params.observable)?;
         }
         Ok(result)
+    }
+
+    /// Takes points in the target frame as target, which are finite.
+    pub(crate) fn set_points(&mut self, points: &[Vector2<f64>]) -> Result<(), Error> {
+        self.target = Some(Target::new(points, &self.params)?);
+        Ok(())
     }
 }
 
@@ -128,8 +148,7 @@ impl ScanMatcher for CorrelativeMatcher {
             check::all_finite("target_from_base", &[pose.x(), pose.y(), pose.yaw()])?;
             points.extend(scan.points_in_base().map(|point| pose.act(&point)));
         }
-        self.target = Some(Target::new(&points, &self.params)?);
-        Ok(())
+        Ok(self.set_points(&points)?)
     }
 
     fn match_scan(&mut self, scan: &LaserScan, guess: &Se2) -> Result<Alignment<Se2>, AlignmentError> {

@@ -18,3 +18,4 @@ mod tests;
 
 pub use correlative::CorrelativeMatcher;
 pub use params::{CorrelativeParams, SearchWindow};
+pub(crate) use target::{Squares, thin_into};

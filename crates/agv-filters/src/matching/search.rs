@@ -97,8 +97,8 @@ pub(super) fn search(
             roots.extend((-reach..=reach).step_by(1 << level).map(|x| search.bounded(turn, x, y, level)));
         }
     }
-    // Stable: of equals the turn nearest to the guess comes first.
-    roots.sort_by_key(|square| std::cmp::Reverse(square.bound));
+    // Of equals the turn nearest to the guess comes first.
+    roots.sort_unstable_by_key(|square| (std::cmp::Reverse(square.bound), square.turn, square.y, square.x));
     for square in &*roots {
         search.descend(square, level);
     }

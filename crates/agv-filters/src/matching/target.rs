@@ -85,17 +85,36 @@ impl Target {
     }
 }
 
+/// Memory for thinning points: squares, and the index of a point in each.
+pub(crate) type Squares = Vec<(i64, i64, usize)>;
+
 /// The first point of each square of this edge, in the order in which they came.
 pub(super) fn thinned(points: &[Vector2<f64>], edge: f64) -> Vec<Vector2<f64>> {
-    let mut places: Vec<(i64, i64, usize)> = points
-        .iter()
-        .enumerate()
-        .map(|(i, point)| ((point.x / edge).floor() as i64, (point.y / edge).floor() as i64, i))
-        .collect();
-    places.sort_unstable();
-    places.dedup_by_key(|(x, y, _)| (*x, *y));
-    places.sort_unstable_by_key(|(_, _, i)| *i);
-    places.into_iter().map(|(_, _, i)| points[i]).collect()
+    let (mut squares, mut kept) = (Squares::new(), Vec::new());
+    thin_into(points.iter().copied(), edge, &mut squares, &mut kept);
+    kept
+}
+
+/// As [`thinned`], in memory that is there.
+pub(crate) fn thin_into(
+    points: impl Iterator<Item = Vector2<f64>>,
+    edge: f64,
+    squares: &mut Squares,
+    kept: &mut Vec<Vector2<f64>>,
+) {
+    kept.clear();
+    kept.extend(points);
+    let square = |(i, point): (usize, &Vector2<f64>)| ((point.x / edge).floor() as i64, (point.y / edge).floor() as i64, i);
+    squares.clear();
+    squares.extend(kept.iter().enumerate().map(square));
+    squares.sort_unstable();
+    squares.dedup_by_key(|(x, y, _)| (*x, *y));
+    squares.sort_unstable_by_key(|(_, _, i)| *i);
+    // Squares are in the order of their points, none of which comes before its place: nothing is overwritten that is still needed.
+    for (place, (_, _, i)) in squares.iter().enumerate() {
+        kept[place] = kept[*i];
+    }
+    kept.truncate(squares.len());
 }
 
 /// Normals of the lines through the neighbours of each point.
