@@ -7,7 +7,7 @@ use agv_nav::{
 };
 use agv_support::{
     Input,
-    log::{LogEntry, ScanLog, StampedPose, csv},
+    log::{LogEntry, OdometryEntry, ScanLog, StampedPose, csv},
     relations,
 };
 use std::path::Path;
@@ -51,7 +51,8 @@ fn recorded(path: &Path) -> Result<Drive> {
     let mut log = ScanLog::read(path)?;
     // Such programs write their pose as odometry too; the raw one is left in the readings between the scans.
     let overwritten = log.entries.iter().all(|entry| entry.corrected == Some(entry.odom_from_base));
-    if overwritten && log.odometry.len() > 1 {
+    let is_raw = |reading: &OdometryEntry| log.entries.iter().all(|entry| entry.corrected != Some(reading.odom_from_base));
+    if overwritten && log.odometry.iter().filter(|reading| is_raw(reading)).count() > log.entries.len() {
         log = log.with_odometry_readings();
     }
     let poses = log.entries.iter().map(|entry| Some((entry, entry.corrected?)));

@@ -6,8 +6,12 @@
 //! fraction of one by a descent that puts points on lines (Censi, *An ICP variant using a point-to-line metric*, 2008), whose Hessian
 //! is the information of the [`Alignment`](agv_core::roles::Alignment); directions that no surface fixes, as in a long corridor, are
 //! named.
+//!
+//! [`FieldMatcher`] needs a guess and follows the slope of an interpolated likelihood field instead (the class of Hector SLAM and of
+//! Cartographer's scan matcher): for surfaces that are no lines, and where no search is wanted.
 
 mod correlative;
+mod field;
 mod params;
 mod pyramid;
 mod refine;
@@ -17,5 +21,6 @@ mod target;
 mod tests;
 
 pub use correlative::CorrelativeMatcher;
+pub use field::{FieldMatcher, FieldMatcherParams};
 pub use params::{CorrelativeParams, SearchWindow};
 pub(crate) use target::{Squares, thin_into};

@@ -85,4 +85,19 @@ impl CorrelativeParams {
         self.observable.checked()?;
         Ok(())
     }
+
+    /// These parameters, widened for a scanner whose ranges have a standard deviation of `noise` metres: cells, surfaces and what counts as
+    /// near grow together, so that a match takes no longer. Unchanged where they are wide enough.
+    #[must_use]
+    pub fn widened_for(self, noise: f64) -> Self {
+        let factor = (1.5 * noise / self.sigma).clamp(1.0, 8.0);
+        Self {
+            resolution: self.resolution * factor,
+            sigma: self.sigma * factor,
+            range_sigma: self.range_sigma.max(if factor > 1.0 { noise } else { 0.0 }),
+            // Neighbours are a line if they spread farther along it than across.
+            normal_radius: self.normal_radius.max(if factor > 1.0 { 6.0 * noise } else { 0.0 }),
+            ..self
+        }
+    }
 }

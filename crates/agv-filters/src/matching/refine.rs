@@ -37,8 +37,8 @@ pub(super) struct Refined {
 /// Steps below this are the end, in metres and radians.
 const AT_REST: f64 = 1e-5;
 
-/// A last step below this is no failure: two points that are equally near take turns.
-const NEARLY_AT_REST: f64 = 1e-3;
+/// A last step below this share of a cell is no failure: two points that are equally near take turns.
+const NEARLY_AT_REST: f64 = 0.02;
 
 /// Sums over the points at a pose.
 struct Sums {
@@ -68,7 +68,7 @@ pub(super) fn refine(target: &Target, points: &[Vector2<f64>], start: &Se2, para
     let variance = (sums.squares / sums.weight.max(f64::MIN_POSITIVE)).max(params.range_sigma.powi(2));
     let enough =
         sums.inliers >= params.min_points && sums.inliers as f64 >= params.min_inlier_ratio * points.len() as f64;
-    let termination = match (enough, length <= NEARLY_AT_REST) {
+    let termination = match (enough, length <= NEARLY_AT_REST * params.resolution) {
         (false, _) => Termination::TooFewPoints,
         (true, true) => Termination::Converged,
         (true, false) => Termination::IterationLimit,

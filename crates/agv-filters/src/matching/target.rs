@@ -7,7 +7,7 @@ use super::{params::CorrelativeParams, pyramid::Pyramid};
 use agv_core::{
     Error, check,
     geometry::Se2,
-    grid::{Cell, GridLayout},
+    grid::GridLayout,
 };
 use nalgebra::{Matrix2, Vector2};
 
@@ -50,20 +50,24 @@ impl Target {
         }
         let origin = Se2::new(least.x, least.y, 0.0);
         let layout = GridLayout::new(cells.x as usize, cells.y as usize, params.resolution, origin)?;
-        let normals = normals(&points, params.normal_radius);
+        let (points, normals) = surfaces(&points, params.normal_radius);
 
         let mut nearest = vec![NOTHING; layout.len()];
         let mut squared = vec![(reach * reach) as f32; layout.len()];
         let around = (reach / params.resolution).ceil() as i32;
+        let cell_area = (params.resolution * params.resolution) as f32;
+        let centers = |low: i32, high: i32, most: usize| (low.max(0)..(high + 1).min(most as i32)).map(|i| (i, f64::from(i) + 0.5));
         for (index, point) in points.iter().enumerate() {
-            let Some(middle) = layout.cell_at(point) else { continue };
-            for y in middle.y - around..=middle.y + around {
-                for x in middle.x - around..=middle.x + around {
-                    let cell = Cell::new(x, y);
-                    let Some(place) = layout.index(cell) else { continue };
-                    let distance = (layout.center(cell) - point).norm_squared() as f32;
-                    if distance < squared[place] {
-                        (squared[place], nearest[place]) = (distance, index as u32);
+            let place = (point - least) / params.resolution;
+            let middle = place.map(|v| v.floor() as i32);
+            for (y, center) in centers(middle.y - around, middle.y + around, layout.height()) {
+                let aside = (center - place.y).powi(2);
+                let row = y as usize * layout.width();
+                for (x, center) in centers(middle.x - around, middle.x + around, layout.width()) {
+                    let distance = ((center - place.x).powi(2) + aside) as f32 * cell_area;
+                    let cell = row + x as usize;
+                    if distance < squared[cell] {
+                        (squared[cell], nearest[cell]) = (distance, index as u32);
                     }
                 }
             }
@@ -117,8 +121,8 @@ pub(crate) fn thin_into(
     kept.truncate(squares.len());
 }
 
-/// Normals of the lines through the neighbours of each point.
-fn normals(points: &[Vector2<f64>], radius: f64) -> Vec<Vector2<f64>> {
+/// The points, moved onto the lines through their neighbours, which hold less noise than they do; and the normals of these lines.
+fn surfaces(points: &[Vector2<f64>], radius: f64) -> (Vec<Vector2<f64>>, Vec<Vector2<f64>>) {
     let bucket = |v: f64| (v / radius).floor() as i64;
     let mut buckets: Vec<(i64, i64, usize)> =
         points.iter().enumerate().map(|(i, point)| (bucket(point.y), bucket(point.x), i)).collect();
@@ -127,7 +131,7 @@ fn normals(points: &[Vector2<f64>], radius: f64) -> Vec<Vector2<f64>> {
         let start = buckets.partition_point(|b| (b.0, b.1) < (y, x - 1));
         buckets[start..].iter().take_while(move |b| (b.0, b.1) <= (y, x + 1)).map(|b| points[b.2])
     };
-    let normal = |point: &Vector2<f64>| {
+    let surface = |point: &Vector2<f64>| {
         let (mut count, mut sum, mut squares) = (0.0, Vector2::zeros(), Matrix2::zeros());
         for y in bucket(point.y) - 1..=bucket(point.y) + 1 {
             for other in neighbours(bucket(point.x), y) {
@@ -143,10 +147,11 @@ fn normals(points: &[Vector2<f64>], radius: f64) -> Vec<Vector2<f64>> {
         let (difference, twice) = (covariance[(0, 0)] - covariance[(1, 1)], 2.0 * covariance[(0, 1)]);
         let (trace, spread) = (covariance.trace(), difference.hypot(twice));
         if count < 3.0 || trace - spread > THICKNESS * (trace + spread) {
-            return Vector2::zeros();
+            return (*point, Vector2::zeros());
         }
         let along = 0.5 * twice.atan2(difference);
-        Vector2::new(-along.sin(), along.cos())
+        let normal = Vector2::new(-along.sin(), along.cos());
+        (point + normal * normal.dot(&mean), normal)
     };
-    points.iter().map(normal).collect()
+    points.iter().map(surface).unzip()
 }

@@ -1,7 +1,7 @@
 //! Against exhaustive search, and on simulated scans whose poses are known.
 
 use super::{
-    CorrelativeMatcher, CorrelativeParams, SearchWindow,
+    CorrelativeMatcher, CorrelativeParams, FieldMatcher, FieldMatcherParams, SearchWindow,
     search::{Scratch, search},
     target::Target,
 };
@@ -223,4 +223,78 @@ fn bad_input_is_named() {
         let found = matcher.match_scan(&reading, &Se2::new(x, -x, 0.0)).unwrap();
         assert_eq!((found.termination, found.target_from_source.x()), (Termination::TooFewPoints, x));
     }
+}
+
+/// From as far off as the coarse field reaches, found to a fraction of a cell; the information is of the size of the errors.
+#[test]
+fn the_slope_of_the_field_leads_there() {
+    let world = hall();
+    let mut clean = laser(0.0, 1);
+    let poses = [(0.0, 0.0, 0.0), (0.5, 0.5, 2.0), (-0.5, 0.3, -2.0)].map(|(x, y, yaw)| Se2::new(x, y, yaw));
+    let scans = poses.map(|pose| scan(&world, &mut clean, &pose));
+    let target: Vec<_> =
+        poses.iter().zip(&scans).map(|(pose, scan)| TargetScan { target_from_base: *pose, scan }).collect();
+    let mut matcher = FieldMatcher::new(FieldMatcherParams::default()).unwrap();
+    matcher.set_target(&target).unwrap();
+    let (mut laser, mut stream) = (laser(0.02, 3), Seed(5).stream(0, 0));
+    let (mut squares, runs) = (0.0, 60);
+    for _ in 0..runs {
+        let mut within = |limit: f64| stream.random_range(-limit..limit);
+        let truth = Se2::new(within(0.8), within(0.8), within(3.0));
+        let guess = Se2::new(truth.x() + within(0.2), truth.y() + within(0.2), truth.yaw() + within(0.1));
+        let found = matcher.match_scan(&scan(&world, &mut laser, &truth), &guess).unwrap();
+        assert!(found.inlier_ratio > 0.8, "{found:?}");
+        let error = truth.between(&found.target_from_source).log();
+        assert!(error.xy().norm() < 0.04 && error.z.abs() < 0.012, "{truth:?} {error:?}");
+        squares += (error.transpose() * found.information * error)[0];
+        assert_eq!(found.unobserved.trace(), 0.0);
+    }
+    // Three per run if the cells cost nothing.
+    let mean = squares / f64::from(runs);
+    assert!((0.5..30.0).contains(&mean), "{mean}");
+    laws::scan_matcher(&mut matcher, &target, &scans[1], &Se2::new(0.4, 0.4, 1.95)).unwrap();
+}
+
+#[test]
+fn the_field_of_a_corridor_has_no_slope_along_it() {
+    let world = corridor();
+    let mut laser = laser(0.02, 6);
+    let first = scan(&world, &mut laser, &Se2::default());
+    let reading = scan(&world, &mut laser, &Se2::new(0.3, 0.1, 0.05));
+    let mut matcher = FieldMatcher::new(FieldMatcherParams::default()).unwrap();
+    assert_eq!(matcher.match_scan(&first, &Se2::default()), Err(AlignmentError::NoTarget));
+    matcher.set_target(&[TargetScan { target_from_base: Se2::default(), scan: &first }]).unwrap();
+    let found = matcher.match_scan(&reading, &Se2::new(0.1, 0.0, 0.0)).unwrap();
+    let pose = found.target_from_source;
+    assert!((pose.y() - 0.1).abs() < 0.02 && (pose.yaw() - 0.05).abs() < 0.005, "{pose:?}");
+    assert!((found.unobserved.trace() - 1.0).abs() < 1e-9 && found.unobserved[(0, 0)] > 0.9, "{}", found.unobserved);
+}
+
+#[test]
+fn bad_fields_are_named() {
+    let good = FieldMatcherParams::default();
+    for (name, bad) in [
+        ("resolution", FieldMatcherParams { resolution: f64::NAN, ..good }),
+        ("sigma", FieldMatcherParams { sigma: -1.0, ..good }),
+        ("sigma / resolution", FieldMatcherParams { sigma: 0.01, ..good }),
+        ("levels", FieldMatcherParams { levels: 0, ..good }),
+        ("range_sigma", FieldMatcherParams { range_sigma: 0.0, ..good }),
+        ("min_points", FieldMatcherParams { min_points: 1, ..good }),
+        ("min_inlier_ratio", FieldMatcherParams { min_inlier_ratio: f64::NAN, ..good }),
+        ("translation", FieldMatcherParams { observable: PoseSigma { translation: -1.0, rotation: 1.0 }, ..good }),
+    ] {
+        let error = FieldMatcher::new(bad).unwrap_err();
+        assert!(error.to_string().starts_with(name), "{name}: {error}");
+    }
+    let reading = scan(&hall(), &mut laser(0.01, 9), &Se2::default());
+    let at = |x: f64| TargetScan { target_from_base: Se2::new(x, 0.0, 0.0), scan: &reading };
+    let mut matcher = FieldMatcher::new(good).unwrap();
+    assert!(matches!(matcher.set_target(&[at(0.0), at(1e9)]), Err(AlignmentError::Invalid(Error::TooMany { .. }))));
+    assert!(matcher.set_target(&[]).is_err());
+    matcher.set_target(&[at(0.0)]).unwrap();
+    for x in [1e9, 1e300, f64::MAX] {
+        let found = matcher.match_scan(&reading, &Se2::new(x, -x, 0.0)).unwrap();
+        assert_eq!((found.termination, found.target_from_source.x()), (Termination::TooFewPoints, x));
+    }
+    assert!(matcher.match_scan(&reading, &Se2::new(f64::NAN, 0.0, 0.0)).is_err());
 }

@@ -4,6 +4,7 @@ use super::{
     GraphSlam, GraphSlamParams,
     closures::Closure,
     key_scan::KeyScan,
+    params::Driven,
     slam::{Derived, Place},
 };
 use crate::graph::PoseGraph;
@@ -40,7 +41,7 @@ pub(super) struct RawGraphSlam {
     frozen: bool,
     last_odometry: Option<Se2>,
     last_motion: Se2,
-    since_key: Option<(Se2, f64, f64)>,
+    since_key: Option<Driven>,
     pending: Vec<Closure>,
 }
 
@@ -60,7 +61,7 @@ impl TryFrom<RawGraphSlam> for GraphSlam {
             check::covariance("information", &closure.information)?;
         }
         is_there("anchor", raw.anchor)?;
-        let (_, path, turn) = raw.since_key.unwrap_or_default();
+        let Driven { path, turn, .. } = raw.since_key.unwrap_or_default();
         check::all_finite("way", [raw.path, raw.tied, path, turn].iter().chain(raw.keys.iter().map(|key| &key.path)))?;
         let derived = Derived::new(&raw.params)?;
         let key = |key: StoredKey<LaserScan>| KeyScan::new(key.scan, key.path, key.drive, &raw.params);

@@ -10,7 +10,7 @@ use agv_core::{
     geometry::{LieGroup, PoseSigma, Se2, angle_difference},
     roles::{Alignment, AlignmentError},
 };
-use nalgebra::{Matrix3, Vector2};
+use nalgebra::{Matrix3, Vector2, Vector3};
 
 /// Where a key scan was found among older ones.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -124,8 +124,9 @@ pub(super) fn find(
 /// What a match is worth to the graph: the information of its points is that of independent beams and a perfect target.
 pub(super) fn matched_information(found: &Alignment<Se2>, params: &GraphSlamParams) -> Option<Matrix3<f64>> {
     let covariance = found.covariance(params.matcher.observable).ok()?;
-    let floor = super::params::information(params.match_floor).map(|weight| if weight > 0.0 { 1.0 / weight } else { 0.0 });
-    let inverse = (covariance + floor).cholesky()?.inverse();
+    let floor = params.match_floor;
+    let variances = Vector3::new(floor.translation, floor.translation, floor.rotation).map(|sigma| sigma * sigma);
+    let inverse = (covariance + Matrix3::from_diagonal(&variances)).cholesky()?.inverse();
     Some((inverse + inverse.transpose()) * 0.5)
 }
 

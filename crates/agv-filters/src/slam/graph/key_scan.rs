@@ -4,7 +4,7 @@ use super::GraphSlamParams;
 use crate::matching::{Squares, thin_into};
 use agv_core::{
     geometry::{LieGroup, Se2},
-    sensors::LaserScan,
+    sensors::{Beam, LaserScan},
 };
 use nalgebra::Vector2;
 
@@ -39,6 +39,26 @@ pub(super) fn usable_points_into(
     let origin = scan.geometry().base_from_sensor.translation();
     let near = scan.points_in_base().filter(|point| (point - origin).norm_squared() <= params.max_range.powi(2));
     thin_into(near, params.matcher.resolution, squares, points);
+}
+
+/// Standard deviation of the ranges of a scan, in metres, by the bends between neighbouring beams: most of them are on one surface.
+pub(super) fn noise(scan: &LaserScan) -> f64 {
+    let hit = |beam: Beam| match beam {
+        Beam::Hit(range) => Some(range),
+        _ => None,
+    };
+    let ranges: Vec<Option<f64>> = scan.beams().map(|(_, beam)| hit(beam)).collect();
+    let bend = |three: &[Option<f64>]| match three {
+        [Some(a), Some(b), Some(c)] => Some((a - 2.0 * b + c).abs()),
+        _ => None,
+    };
+    let mut bends: Vec<f64> = ranges.windows(3).filter_map(bend).collect();
+    let middle = bends.len() / 2;
+    if middle < 10 {
+        return 0.0;
+    }
+    // Of a normal deviate: the variance of a bend is six times that of a range, and its median 0.6745 deviations.
+    *bends.select_nth_unstable_by(middle, f64::total_cmp).1 / (6.0_f64.sqrt() * 0.6745)
 }
 
 /// The points of some key scans in the frame of one of them.

@@ -3,7 +3,7 @@
 use crate::matching::{CorrelativeParams, SearchWindow};
 use agv_core::{
     Error, check,
-    geometry::{PoseSigma, Se2},
+    geometry::{LieGroup, PoseSigma, Se2},
     grid::{InverseModel, InverseModelParams},
 };
 use nalgebra::{Matrix3, Vector3};
@@ -18,7 +18,7 @@ pub struct OdometryTrust {
     pub per_radian: f64,
     /// Standard deviation of the heading, in radians per metre travelled.
     pub turn_per_metre: f64,
-    /// Standard deviations of a motion that is none.
+    /// Standard deviations of a motion between two scans that is none.
     pub floor: PoseSigma,
     /// A motion between two scans that is longer than this, in metres, is a jump of the odometry's frame and not one of the vehicle.
     pub jump: f64,
@@ -52,11 +52,35 @@ impl OdometryTrust {
         motion.translation().norm() <= self.jump
     }
 
-    /// Information of a motion that was `path` metres and `turn` radians long.
-    pub(super) fn information(&self, path: f64, turn: f64) -> Matrix3<f64> {
-        let translation = self.floor.translation.hypot(self.per_metre * path);
-        let rotation = self.floor.rotation.hypot(self.per_radian * turn).hypot(self.turn_per_metre * path);
+    /// Information of a motion.
+    pub(super) fn information(&self, driven: &Driven) -> Matrix3<f64> {
+        let Driven { path, turn, .. } = *driven;
+        let steps = f64::from(driven.steps.max(1)).sqrt();
+        let translation = (steps * self.floor.translation).hypot(self.per_metre * path);
+        let rotation = (steps * self.floor.rotation).hypot(self.per_radian * turn).hypot(self.turn_per_metre * path);
         information(PoseSigma { translation, rotation })
+    }
+}
+
+/// A motion by odometry, and how it came about.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub(super) struct Driven {
+    pub(super) motion: Se2,
+    /// Way, in metres, and turn, in radians, both without sign.
+    pub(super) path: f64,
+    pub(super) turn: f64,
+    pub(super) steps: u32,
+}
+
+impl Driven {
+    pub(super) fn and(&self, motion: &Se2) -> Self {
+        Self {
+            motion: self.motion.compose(motion),
+            path: self.path + motion.translation().norm(),
+            turn: self.turn + motion.yaw().abs(),
+            steps: self.steps.saturating_add(1),
+        }
     }
 }
 
@@ -93,7 +117,7 @@ pub struct ClosureParams {
 }
 
 impl Default for ClosureParams {
-    /// Windows for indoor odometry, whose matched chains drift by some per cent; three closures that agree to a quarter of a metre.
+    /// Windows for indoor odometry, whose matched chains drift by some per cent; two closures that agree to a quarter of a metre.
     fn default() -> Self {
         Self {
             min_path: 8.0,
@@ -104,7 +128,7 @@ impl Default for ClosureParams {
             candidates: 3,
             min_inlier_ratio: 0.7,
             min_score: 0.6,
-            confirmations: 3,
+            confirmations: 2,
             agreement: PoseSigma { translation: 0.25, rotation: 0.06 },
         }
     }

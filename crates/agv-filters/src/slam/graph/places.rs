@@ -106,7 +106,7 @@ impl GraphSlam {
         let Some(nearest) = self.nearest(map_from_base) else { return Ok(()) };
         self.anchor = nearest as u32;
         self.anchor_from_base = self.graph.poses()[nearest].between(map_from_base);
-        self.since_key = Some((Se2::default(), 0.0, 0.0));
+        self.since_key = Some(super::params::Driven::default());
         self.aim()
     }
 

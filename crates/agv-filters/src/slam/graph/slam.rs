@@ -2,8 +2,9 @@
 
 use super::{
     GraphSlamParams,
+    params::Driven,
     closures::{self, Closure},
-    key_scan::{KeyScan, gather, usable_points_into},
+    key_scan::{KeyScan, gather, noise, usable_points_into},
 };
 use crate::{
     graph::{PoseGraph, PoseGraphSolver, PoseGraphSolverParams, PoseId, Relation},
@@ -112,8 +113,8 @@ pub struct GraphSlam {
     pub(super) last_odometry: Option<Se2>,
     /// Motion over the last scan.
     pub(super) last_motion: Se2,
-    /// Motion since the last key scan by odometry, its way and its turn; none if a part is missing.
-    pub(super) since_key: Option<(Se2, f64, f64)>,
+    /// Motion since the last key scan by odometry; none if a part is missing.
+    pub(super) since_key: Option<Driven>,
     pub(super) pending: Vec<Closure>,
     #[cfg_attr(feature = "serde", serde(skip))]
     pub(super) derived: Derived,
@@ -180,7 +181,7 @@ impl GraphSlam {
             frozen: false,
             last_odometry: None,
             last_motion: Se2::default(),
-            since_key: Some((Se2::default(), 0.0, 0.0)),
+            since_key: Some(Driven::default()),
             pending: Vec::new(),
             derived: Derived::new(&params)?,
         })
@@ -236,9 +237,7 @@ impl GraphSlam {
         self.last_motion = self.anchor_from_base.between(&pose);
         self.anchor_from_base = pose;
         self.path += self.last_motion.translation().norm();
-        self.since_key = self.since_key.zip(motion).map(|((sum, path, turn), motion)| {
-            (sum.compose(&motion), path + motion.translation().norm(), turn + motion.yaw().abs())
-        });
+        self.since_key = self.since_key.zip(motion).map(|(driven, motion)| driven.and(&motion));
         let mut step = SlamStep {
             map_from_base: self.map_from_base(),
             outcome,
@@ -272,6 +271,8 @@ impl GraphSlam {
         self.way.push(Place { stamp: scan.stamp(), key: 0, key_from_base: Se2::default() });
         if enough {
             let id = self.graph.add_pose(Se2::default())?;
+            self.params.matcher = self.params.matcher.widened_for(noise(scan));
+            self.derived.front = CorrelativeMatcher::new(self.params.matcher)?;
             self.keys.push(KeyScan::new(scan.clone(), self.path, self.drive, &self.params));
             self.aim()?;
             (step.key, step.outcome) = (Some(id), TrackingOutcome::First);
@@ -310,15 +311,15 @@ impl GraphSlam {
         if let Some(information) = matched {
             self.graph.add_relation(Relation::new(from, to, motion, information))?;
         }
-        if let Some((odometry, path, turn)) = self.since_key {
-            let information = self.params.odometry.information(path, turn);
-            let relation = Relation::new(from, to, odometry, information);
+        if let Some(driven) = self.since_key {
+            let information = self.params.odometry.information(&driven);
+            let relation = Relation::new(from, to, driven.motion, information);
             self.graph.add_relation(if matched.is_some() { relation.with_kernel(CLOSURE_KERNEL) } else { relation })?;
         } else if matched.is_none() {
             let information = super::params::information(UNKNOWN_MOTION);
             self.graph.add_relation(Relation::new(from, to, motion, information))?;
         }
-        self.since_key = Some((Se2::default(), 0.0, 0.0));
+        self.since_key = Some(Driven::default());
         (self.anchor, self.anchor_from_base) = (to.0, Se2::default());
         if let Some(place) = self.way.last_mut() {
             (place.key, place.key_from_base) = (to.0, Se2::default());
@@ -429,7 +430,7 @@ impl GraphSlam {
         Ok(map)
     }
 
-    /// Its parameters.
+    /// Its parameters; those of the matcher are [widened](crate::matching::CorrelativeParams::widened_for) for the noise of the first scan.
     pub const fn params(&self) -> &GraphSlamParams {
         &self.params
     }
