@@ -49,6 +49,7 @@ fn pairs(drive: &Drive, run: &Run) -> Result<Vec<PosePair<agv_nav::prelude::Se2>
     if drive.reference.is_empty() {
         return Ok(Vec::new());
     }
-    let stamped = |poses: &[agv_support::log::StampedPose]| poses.iter().map(|at| (at.stamp, at.pose)).collect::<Vec<_>>();
+    let stamped =
+        |poses: &[agv_support::log::StampedPose]| poses.iter().map(|at| (at.stamp, at.pose)).collect::<Vec<_>>();
     Ok(associate(&stamped(&drive.reference), &stamped(&run.way), REFERENCE_TOLERANCE)?)
 }

@@ -38,8 +38,7 @@ pub(crate) fn read(args: &Args) -> Result<Drive> {
     if args.upside_down {
         for entry in &mut drive.entries {
             let seen = *entry.scan.geometry();
-            let turned =
-                ScanGeometry { angle_min: -seen.angle_min, angle_increment: -seen.angle_increment, ..seen };
+            let turned = ScanGeometry { angle_min: -seen.angle_min, angle_increment: -seen.angle_increment, ..seen };
             entry.scan = LaserScan::new(entry.scan.stamp(), turned, entry.scan.ranges().to_vec())?;
         }
     }
@@ -51,7 +50,8 @@ fn recorded(path: &Path) -> Result<Drive> {
     let mut log = ScanLog::read(path)?;
     // Such programs write their pose as odometry too; the raw one is left in the readings between the scans.
     let overwritten = log.entries.iter().all(|entry| entry.corrected == Some(entry.odom_from_base));
-    let is_raw = |reading: &OdometryEntry| log.entries.iter().all(|entry| entry.corrected != Some(reading.odom_from_base));
+    let is_raw =
+        |reading: &OdometryEntry| log.entries.iter().all(|entry| entry.corrected != Some(reading.odom_from_base));
     if overwritten && log.odometry.iter().filter(|reading| is_raw(reading)).count() > log.entries.len() {
         log = log.with_odometry_readings();
     }

@@ -13,7 +13,7 @@ use agv_core::{
     roles::{Alignment, AlignmentError, ScanMatcher, TargetScan, Termination},
     sensors::LaserScan,
 };
-use nalgebra::Vector2;
+use nalgebra::{Matrix3, Vector2};
 
 /// Matches scans by an exhaustive search of a window of poses and a refinement; see the [module](super).
 ///
@@ -123,9 +123,9 @@ impl CorrelativeMatcher {
         result.score = refined.score;
         result.termination = refined.termination;
         if refined.pose.is_finite() && refined.termination != Termination::TooFewPoints {
-            result.target_from_source = refined.pose;
             result.information = refined.information;
             result.unobserved = unobserved_directions::<Se2>(&refined.information, self.params.observable)?;
+            result.target_from_source = held(&refined.pose, guess, &result.unobserved);
         }
         Ok(result)
     }
@@ -135,6 +135,11 @@ impl CorrelativeMatcher {
         self.target = Some(Target::new(points, &self.params)?);
         Ok(())
     }
+}
+
+/// A pose that stays where it was guessed along the directions that are not observed.
+pub(super) fn held(found: &Se2, guess: &Se2, unobserved: &Matrix3<f64>) -> Se2 {
+    found.plus(&(unobserved * found.between(guess).log()))
 }
 
 impl ScanMatcher for CorrelativeMatcher {

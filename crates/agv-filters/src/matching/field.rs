@@ -8,14 +8,22 @@
 //! Σ (1 - L(T p))²        H = Σ JᵀJ        J = ∇L(T p)ᵀ R [ I | (-p_y, p_x)ᵀ ]
 //! ```
 //!
+//! The Hessian of that vanishes where scan and target fit best, and says nothing of certainty: the information of a result is that of
+//! points on lines at the pose that was found.
+//!
 //! Coarse fields come first, whose surfaces reach far, fine ones last. The target may be any set of surfaces, walls or not: unlike
 //! [`CorrelativeMatcher`](super::CorrelativeMatcher) nothing needs to be a line, but a guess is needed that is within reach.
 
-use super::target::{Squares, thin_into};
+use super::{
+    CorrelativeParams,
+    correlative::held,
+    refine::sum_up,
+    target::{REACH, Squares, Target, nearest_points, thin_into},
+};
 use agv_core::{
     Error, check,
     geometry::{LieGroup, PoseSigma, Se2, unobserved_directions},
-    grid::{CellState, DistanceParams, DistanceTransform, Grid, GridLayout},
+    grid::{CellState, Grid, GridLayout},
     roles::{Alignment, AlignmentError, ScanMatcher, TargetScan, Termination},
     sensors::LaserScan,
 };
@@ -104,14 +112,14 @@ impl FieldMatcherParams {
 #[derive(Debug, Clone)]
 pub struct FieldMatcher {
     params: FieldMatcherParams,
+    /// How the target's surfaces are found, of which the information is made.
+    lines: CorrelativeParams,
+    target: Option<Target>,
     /// Likelihoods, the coarsest field first.
     fields: Vec<Grid<f32>>,
     squares: Squares,
     points: Vec<Vector2<f64>>,
 }
-
-/// Standard deviations beyond which a field is flat.
-const REACH: f64 = 3.0;
 
 /// Most cells of a field.
 const MAX_CELLS: f64 = (1_u64 << 26) as f64;
@@ -134,7 +142,17 @@ impl FieldMatcher {
     /// As [`FieldMatcherParams::validate`].
     pub fn new(params: FieldMatcherParams) -> Result<Self, Error> {
         params.validate()?;
-        Ok(Self { params, fields: Vec::new(), squares: Vec::new(), points: Vec::new() })
+        let FieldMatcherParams { resolution, sigma, range_sigma, min_points, observable, .. } = params;
+        let lines = CorrelativeParams {
+            resolution,
+            sigma,
+            range_sigma,
+            min_points,
+            normal_radius: 5.0 * resolution,
+            observable,
+            ..Default::default()
+        };
+        Ok(Self { params, lines, target: None, fields: Vec::new(), squares: Vec::new(), points: Vec::new() })
     }
 
     /// Its parameters.
@@ -155,8 +173,10 @@ impl FieldMatcher {
 
     fn set_points(&mut self, points: &[Vector2<f64>]) -> Result<(), Error> {
         check::at_least("usable end points of the target", points.len(), self.params.min_points)?;
+        let target = Target::new(points, &self.lines)?;
         let fields = (0..self.params.levels).rev().map(|level| field(points, &self.params, f64::from(1 << level)));
         self.fields = fields.collect::<Result<_, _>>()?;
+        self.target = Some(target);
         Ok(())
     }
 
@@ -177,16 +197,6 @@ impl FieldMatcher {
             inliers += usize::from(value >= near);
         }
         Sums { hessian, gradient, likelihood, inliers }
-    }
-
-    /// Sum of the squared distances from the surfaces, `-2 σ² ln L`, in square metres.
-    fn squares(&self, field: &Grid<f32>, points: &[Vector2<f64>], pose: &Se2) -> f64 {
-        let (twice, farthest) = (2.0 * self.params.sigma.powi(2), (REACH * self.params.sigma).powi(2));
-        let square = |point| {
-            let value = field.interpolate(&pose.act(point)).map_or(0.0, |(value, _)| f64::from(value));
-            (-twice * value.ln()).clamp(0.0, farthest)
-        };
-        points.iter().map(square).sum()
     }
 
     /// Steps on one field; the pose, whether it came to rest, and how many steps that took.
@@ -224,30 +234,6 @@ impl FieldMatcher {
     }
 }
 
-/// Second derivatives of a sum by right increments of a pose, over steps of one deviation, in which the cells of a field do not show;
-/// without what is negative of them.
-///
-/// At a surface the slope of a likelihood vanishes: how fast the points leave it tells what they know of the pose.
-fn bend(sum: impl Fn(&Se2) -> f64, pose: &Se2, points: &[Vector2<f64>], sigma: f64) -> Matrix3<f64> {
-    let spread = points.iter().map(Vector2::norm_squared).sum::<f64>() / points.len().max(1) as f64;
-    let steps = Vector3::new(sigma, sigma, sigma / spread.sqrt().max(sigma));
-    let at = |step: Vector3<f64>| sum(&pose.plus(&step));
-    let axis = |i: usize| Vector3::ith(i, steps[i]);
-    let here = at(Vector3::zeros());
-    let alone = [0, 1, 2].map(|i| at(axis(i)) + at(-axis(i)) - 2.0 * here);
-    let mut second = Matrix3::from_diagonal(&Vector3::from(alone));
-    for (i, j) in [(0, 1), (0, 2), (1, 2)] {
-        let both = axis(i) + axis(j);
-        let mixed = 0.5 * (at(both) + at(-both) - 2.0 * here - alone[i] - alone[j]);
-        (second[(i, j)], second[(j, i)]) = (mixed, mixed);
-    }
-    let eigen = second.symmetric_eigen();
-    let positive = Matrix3::from_diagonal(&eigen.eigenvalues.map(|value| value.max(0.0)));
-    let scale = Matrix3::from_diagonal(&steps.map(|step| 1.0 / step));
-    let bend = scale * eigen.eigenvectors * positive * eigen.eigenvectors.transpose() * scale;
-    (bend + bend.transpose()) * 0.5
-}
-
 /// The likelihoods around some points, in cells and deviations `factor` times as wide as the finest.
 fn field(points: &[Vector2<f64>], params: &FieldMatcherParams, factor: f64) -> Result<Grid<f32>, Error> {
     let (resolution, sigma) = (params.resolution * factor, params.sigma * factor);
@@ -259,15 +245,9 @@ fn field(points: &[Vector2<f64>], params: &FieldMatcherParams, factor: f64) -> R
         return Err(Error::TooMany { name: "cells of the target", len: usize::MAX, max: MAX_CELLS as usize });
     }
     let layout = GridLayout::new(cells.x as usize, cells.y as usize, resolution, Se2::new(least.x, least.y, 0.0))?;
-    let mut states = Grid::filled(layout, CellState::Free);
-    for cell in points.iter().filter_map(|point| layout.cell_at(point)) {
-        states.set(cell, CellState::Occupied);
-    }
-    let distance = DistanceParams { unknown_is_obstacle: false, max_distance: Some(REACH * sigma) };
-    let mut field = DistanceTransform::new(distance)?.compute(&states)?;
+    let (_, squared) = nearest_points(points, &layout, REACH * sigma);
     let scale = (-0.5 / (sigma * sigma)) as f32;
-    field.values_mut().iter_mut().for_each(|value| *value = (scale * *value * *value).exp());
-    Ok(field)
+    Ok(Grid::new(layout, squared.into_iter().map(|squared| (scale * squared).exp()).collect())?)
 }
 
 impl ScanMatcher for FieldMatcher {
@@ -286,9 +266,6 @@ impl ScanMatcher for FieldMatcher {
     /// Allocates nothing once a scan of as many beams was matched.
     fn match_scan(&mut self, scan: &LaserScan, guess: &Se2) -> Result<Alignment<Se2>, AlignmentError> {
         check::all_finite("guess", &[guess.x(), guess.y(), guess.yaw()])?;
-        if self.fields.is_empty() {
-            return Err(AlignmentError::NoTarget);
-        }
         let mut points = std::mem::take(&mut self.points);
         thin_into(scan.points_in_base(), self.params.resolution, &mut self.squares, &mut points);
         let found = self.align(&points, guess);
@@ -300,7 +277,12 @@ impl ScanMatcher for FieldMatcher {
 impl FieldMatcher {
     fn align(&self, points: &[Vector2<f64>], guess: &Se2) -> Result<Alignment<Se2>, AlignmentError> {
         let mut result = Alignment::unknown(*guess, Termination::TooFewPoints);
-        let (Some(finest), true) = (self.fields.last(), points.len() >= self.params.min_points) else { return Ok(result) };
+        let (Some(finest), Some(target)) = (self.fields.last(), &self.target) else {
+            return Err(AlignmentError::NoTarget);
+        };
+        if points.len() < self.params.min_points {
+            return Ok(result);
+        }
         let (mut pose, mut at_rest) = (*guess, false);
         for field in &self.fields {
             let steps;
@@ -310,15 +292,17 @@ impl FieldMatcher {
         let sums = self.sum_up(finest, points, &pose);
         result.inlier_ratio = sums.inliers as f64 / points.len() as f64;
         result.score = sums.likelihood / points.len() as f64;
-        if sums.inliers < self.params.min_points || result.inlier_ratio < self.params.min_inlier_ratio || !pose.is_finite() {
+        if sums.inliers < self.params.min_points
+            || result.inlier_ratio < self.params.min_inlier_ratio
+            || !pose.is_finite()
+        {
             return Ok(result);
         }
         result.termination = if at_rest { Termination::Converged } else { Termination::IterationLimit };
-        result.target_from_source = pose;
-        let squares = |pose: &Se2| self.squares(finest, points, pose);
-        let variance = (squares(&pose) / points.len() as f64).max(self.params.range_sigma.powi(2));
-        result.information = bend(squares, &pose, points, self.params.sigma) * (0.5 / variance);
+        let lines = sum_up(target, points, &pose, &self.lines);
+        result.information = lines.information(points, &self.lines);
         result.unobserved = unobserved_directions::<Se2>(&result.information, self.params.observable)?;
+        result.target_from_source = held(&pose, guess, &result.unobserved);
         Ok(result)
     }
 }

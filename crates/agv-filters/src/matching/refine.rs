@@ -7,12 +7,15 @@
 //! H = Σ w JᵀJ        J = nᵀ R [ I | (-p_y, p_x)ᵀ ]        w = exp(-e² / 2 σ²)
 //! ```
 //!
+//! Normals are not exact: one that is off by an angle of variance `v` seems to see along the surface, by `v` of what it sees across it.
+//! In a corridor, where all normals are nearly alike, that is all there is; so the information leaves out three times as much.
+//!
 //! A step is damped as if the present pose were known to the standard deviations beyond which a direction counts as not observed:
 //! along those the pose stays.
 
 use super::{
     params::CorrelativeParams,
-    target::{REACH, Target},
+    target::{REACH, Surface, Target},
 };
 use agv_core::{
     geometry::{LieGroup, Se2},
@@ -41,12 +44,34 @@ const AT_REST: f64 = 1e-5;
 const NEARLY_AT_REST: f64 = 0.02;
 
 /// Sums over the points at a pose.
-struct Sums {
+pub(super) struct Sums {
     hessian: Matrix3<f64>,
     gradient: Vector3<f64>,
+    /// What the errors of the normals add to the Hessian.
+    spurious: Matrix3<f64>,
     weight: f64,
     squares: f64,
-    inliers: usize,
+    pub(super) inliers: usize,
+}
+
+/// How much of what wrong normals seem to see is left out: more than chance makes of it.
+const CAUTION: f64 = 3.0;
+
+impl Sums {
+    /// Inverse of the covariance of the right increment. Where the scan fits worse than the scanner's noise, it is worth less.
+    pub(super) fn information(&self, points: &[Vector2<f64>], params: &CorrelativeParams) -> Matrix3<f64> {
+        let variance = (self.squares / self.weight.max(f64::MIN_POSITIVE)).max(params.range_sigma.powi(2));
+        // In units in which a turn moves the points as far as a step does.
+        let spread = points.iter().map(Vector2::norm_squared).sum::<f64>() / points.len().max(1) as f64;
+        let lever = spread.sqrt().max(params.sigma);
+        let unit = Vector3::new(1.0, 1.0, 1.0 / lever);
+        let scale = Matrix3::from_diagonal(&unit);
+        let eigen = (scale * (self.hessian - self.spurious * CAUTION) * scale).symmetric_eigen();
+        let seen = Matrix3::from_diagonal(&eigen.eigenvalues.map(|value| value.max(0.0)));
+        let back = Matrix3::from_diagonal(&unit.map(|v| 1.0 / v));
+        let information = back * eigen.eigenvectors * seen * eigen.eigenvectors.transpose() * back;
+        (information + information.transpose()) * (0.5 / variance)
+    }
 }
 
 /// Walks from `start` to where the points lie on the target's lines.
@@ -64,8 +89,6 @@ pub(super) fn refine(target: &Target, points: &[Vector2<f64>], start: &Se2, para
         iterations += 1;
     }
     let sums = sum_up(target, points, &pose, params);
-    // Where the scan fits worse than the scanner's noise, it is worth less.
-    let variance = (sums.squares / sums.weight.max(f64::MIN_POSITIVE)).max(params.range_sigma.powi(2));
     let enough =
         sums.inliers >= params.min_points && sums.inliers as f64 >= params.min_inlier_ratio * points.len() as f64;
     let termination = match (enough, length <= NEARLY_AT_REST * params.resolution) {
@@ -75,7 +98,7 @@ pub(super) fn refine(target: &Target, points: &[Vector2<f64>], start: &Se2, para
     };
     Refined {
         pose,
-        information: sums.hessian / variance,
+        information: sums.information(points, params),
         inliers: sums.inliers,
         score: sums.weight / points.len().max(1) as f64,
         iterations,
@@ -83,31 +106,32 @@ pub(super) fn refine(target: &Target, points: &[Vector2<f64>], start: &Se2, para
     }
 }
 
-fn sum_up(target: &Target, points: &[Vector2<f64>], pose: &Se2, params: &CorrelativeParams) -> Sums {
-    let (mut hessian, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
+/// The sums over some points at a pose.
+pub(super) fn sum_up(target: &Target, points: &[Vector2<f64>], pose: &Se2, params: &CorrelativeParams) -> Sums {
+    let (mut hessian, mut gradient, mut spurious) = (Matrix3::zeros(), Vector3::zeros(), Matrix3::zeros());
     let (mut weight, mut squares, mut inliers) = (0.0, 0.0, 0);
-    let (scale, rotation) = (-0.5 / (params.sigma * params.sigma), pose.rotation());
-    let back = rotation.inverse();
+    let scale = -0.5 / (params.sigma * params.sigma);
+    let back = pose.rotation().inverse();
     for point in points {
         let place = pose.act(point);
-        let Some((nearest, normal)) = target.nearest(&place) else { continue };
+        let Some(Surface { point: nearest, normal, doubt }) = target.nearest(&place) else { continue };
         let off = place - nearest;
         if off.norm_squared() > (REACH * params.sigma).powi(2) {
             continue;
         }
-        let mut add = |normal: Vector2<f64>| {
-            let residual = normal.dot(&off);
-            let local = back.act(&normal);
-            let jacobian = Vector3::new(local.x, local.y, local.y * point.x - local.x * point.y);
-            let share = (scale * residual * residual).exp();
-            hessian += jacobian * jacobian.transpose() * share;
-            gradient += jacobian * (residual * share);
-            (weight, squares) = (weight + share, squares + share * residual * residual);
-        };
         inliers += 1;
-        if normal != Vector2::zeros() {
-            add(normal);
+        if normal == Vector2::zeros() {
+            continue;
         }
+        let residual = normal.dot(&off);
+        let local = back.act(&normal);
+        let jacobian = Vector3::new(local.x, local.y, local.y * point.x - local.x * point.y);
+        let along = Vector3::new(-local.y, local.x, local.x * point.x + local.y * point.y);
+        let share = (scale * residual * residual).exp();
+        hessian += jacobian * jacobian.transpose() * share;
+        spurious += along * along.transpose() * (share * doubt);
+        gradient += jacobian * (residual * share);
+        (weight, squares) = (weight + share, squares + share * residual * residual);
     }
-    Sums { hessian, gradient, weight, squares, inliers }
+    Sums { hessian, gradient, spurious, weight, squares, inliers }
 }

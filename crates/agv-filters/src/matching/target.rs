@@ -4,11 +4,7 @@
 //! two points are about as near.
 
 use super::{params::CorrelativeParams, pyramid::Pyramid};
-use agv_core::{
-    Error, check,
-    geometry::Se2,
-    grid::GridLayout,
-};
+use agv_core::{Error, check, geometry::Se2, grid::GridLayout};
 use nalgebra::{Matrix2, Vector2};
 
 /// Points of the target, thinned, and look-ups of them.
@@ -18,6 +14,8 @@ pub(super) struct Target {
     points: Vec<Vector2<f64>>,
     /// Unit normals of the surfaces at the points; zero where the neighbours are on no line.
     normals: Vec<Vector2<f64>>,
+    /// Variances of the directions of these, in rad².
+    doubts: Vec<f64>,
     /// Nearest point of each cell, or [`NOTHING`].
     nearest: Vec<u32>,
     /// `255 exp(-d² / 2 σ²)` by the distance of a cell's centre.
@@ -50,43 +48,66 @@ impl Target {
         }
         let origin = Se2::new(least.x, least.y, 0.0);
         let layout = GridLayout::new(cells.x as usize, cells.y as usize, params.resolution, origin)?;
-        let (points, normals) = surfaces(&points, params.normal_radius);
+        let (points, normals, doubts) = surfaces(&points, params);
 
-        let mut nearest = vec![NOTHING; layout.len()];
-        let mut squared = vec![(reach * reach) as f32; layout.len()];
-        let around = (reach / params.resolution).ceil() as i32;
-        let cell_area = (params.resolution * params.resolution) as f32;
-        let centers = |low: i32, high: i32, most: usize| (low.max(0)..(high + 1).min(most as i32)).map(|i| (i, f64::from(i) + 0.5));
-        for (index, point) in points.iter().enumerate() {
-            let place = (point - least) / params.resolution;
-            let middle = place.map(|v| v.floor() as i32);
-            for (y, center) in centers(middle.y - around, middle.y + around, layout.height()) {
-                let aside = (center - place.y).powi(2);
-                let row = y as usize * layout.width();
-                for (x, center) in centers(middle.x - around, middle.x + around, layout.width()) {
-                    let distance = ((center - place.x).powi(2) + aside) as f32 * cell_area;
-                    let cell = row + x as usize;
-                    if distance < squared[cell] {
-                        (squared[cell], nearest[cell]) = (distance, index as u32);
-                    }
-                }
-            }
-        }
+        let (nearest, squared) = nearest_points(&points, &layout, reach);
         let scale = -0.5 / (params.sigma * params.sigma);
         let values = nearest.iter().zip(&squared).map(|(&index, &squared)| {
             if index == NOTHING { 0 } else { (255.0 * (scale * f64::from(squared)).exp()).round() as u8 }
         });
         let pyramid = Pyramid::new(layout.width(), values.collect());
-        Ok(Self { layout, points, normals, nearest, pyramid })
+        Ok(Self { layout, points, normals, doubts, nearest, pyramid })
     }
 
-    /// The point nearest to a place, and the normal of its surface, which is zero if it is on none.
+    /// The surface nearest to a place.
     #[inline]
-    pub(super) fn nearest(&self, place: &Vector2<f64>) -> Option<(Vector2<f64>, Vector2<f64>)> {
+    pub(super) fn nearest(&self, place: &Vector2<f64>) -> Option<Surface> {
         let cell = self.layout.cell_at(place)?;
         let index = *self.nearest.get(self.layout.index(cell)?)? as usize;
-        Some((*self.points.get(index)?, *self.normals.get(index)?))
+        Some(Surface {
+            point: *self.points.get(index)?,
+            normal: *self.normals.get(index)?,
+            doubt: *self.doubts.get(index)?,
+        })
     }
+}
+
+/// A piece of surface.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Surface {
+    pub(super) point: Vector2<f64>,
+    /// Unit normal, or zero if it is on no line.
+    pub(super) normal: Vector2<f64>,
+    /// Variance of the normal's direction, in rad².
+    pub(super) doubt: f64,
+}
+
+/// For each cell which point is nearest to its centre, or [`NOTHING`] within `reach`, and its squared distance. The grid's axes are the
+/// map's.
+pub(super) fn nearest_points(points: &[Vector2<f64>], layout: &GridLayout, reach: f64) -> (Vec<u32>, Vec<f32>) {
+    let (resolution, least) = (layout.resolution(), layout.map_from_grid().translation());
+    let mut nearest = vec![NOTHING; layout.len()];
+    let mut squared = vec![(reach * reach) as f32; layout.len()];
+    let around = (reach / resolution).ceil() as i32;
+    let cell_area = (resolution * resolution) as f32;
+    let centers =
+        |low: i32, high: i32, most: usize| (low.max(0)..(high + 1).min(most as i32)).map(|i| (i, f64::from(i) + 0.5));
+    for (index, point) in points.iter().enumerate() {
+        let place = (point - least) / resolution;
+        let middle = place.map(|v| v.floor() as i32);
+        for (y, center) in centers(middle.y - around, middle.y + around, layout.height()) {
+            let aside = (center - place.y).powi(2);
+            let row = y as usize * layout.width();
+            for (x, center) in centers(middle.x - around, middle.x + around, layout.width()) {
+                let distance = ((center - place.x).powi(2) + aside) as f32 * cell_area;
+                let cell = row + x as usize;
+                if distance < squared[cell] {
+                    (squared[cell], nearest[cell]) = (distance, index as u32);
+                }
+            }
+        }
+    }
+    (nearest, squared)
 }
 
 /// Memory for thinning points: squares, and the index of a point in each.
@@ -108,7 +129,8 @@ pub(crate) fn thin_into(
 ) {
     kept.clear();
     kept.extend(points);
-    let square = |(i, point): (usize, &Vector2<f64>)| ((point.x / edge).floor() as i64, (point.y / edge).floor() as i64, i);
+    let square =
+        |(i, point): (usize, &Vector2<f64>)| ((point.x / edge).floor() as i64, (point.y / edge).floor() as i64, i);
     squares.clear();
     squares.extend(kept.iter().enumerate().map(square));
     squares.sort_unstable();
@@ -121,8 +143,10 @@ pub(crate) fn thin_into(
     kept.truncate(squares.len());
 }
 
-/// The points, moved onto the lines through their neighbours, which hold less noise than they do; and the normals of these lines.
-fn surfaces(points: &[Vector2<f64>], radius: f64) -> (Vec<Vector2<f64>>, Vec<Vector2<f64>>) {
+/// The points, moved onto the lines through their neighbours, which hold less noise than they do; the normals of these lines, and the
+/// variances of their directions.
+fn surfaces(points: &[Vector2<f64>], params: &CorrelativeParams) -> (Vec<Vector2<f64>>, Vec<Vector2<f64>>, Vec<f64>) {
+    let radius = params.normal_radius;
     let bucket = |v: f64| (v / radius).floor() as i64;
     let mut buckets: Vec<(i64, i64, usize)> =
         points.iter().enumerate().map(|(i, point)| (bucket(point.y), bucket(point.x), i)).collect();
@@ -147,11 +171,19 @@ fn surfaces(points: &[Vector2<f64>], radius: f64) -> (Vec<Vector2<f64>>, Vec<Vec
         let (difference, twice) = (covariance[(0, 0)] - covariance[(1, 1)], 2.0 * covariance[(0, 1)]);
         let (trace, spread) = (covariance.trace(), difference.hypot(twice));
         if count < 3.0 || trace - spread > THICKNESS * (trace + spread) {
-            return (*point, Vector2::zeros());
+            return (*point, Vector2::zeros(), 0.0);
         }
         let along = 0.5 * twice.atan2(difference);
         let normal = Vector2::new(-along.sin(), along.cos());
-        (point + normal * normal.dot(&mean), normal)
+        // Of a line through points that are that far across it, and spread that far along it.
+        let across = (0.5 * (trace - spread)).max(params.range_sigma * params.range_sigma);
+        (point + normal * normal.dot(&mean), normal, across / (0.5 * count * (trace + spread)))
     };
-    points.iter().map(surface).unzip()
+    let (mut moved, mut normals, mut doubts) = (Vec::new(), Vec::new(), Vec::new());
+    for (point, normal, doubt) in points.iter().map(surface) {
+        moved.push(point);
+        normals.push(normal);
+        doubts.push(doubt);
+    }
+    (moved, normals, doubts)
 }

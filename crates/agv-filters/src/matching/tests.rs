@@ -268,6 +268,7 @@ fn the_field_of_a_corridor_has_no_slope_along_it() {
     let pose = found.target_from_source;
     assert!((pose.y() - 0.1).abs() < 0.02 && (pose.yaw() - 0.05).abs() < 0.005, "{pose:?}");
     assert!((found.unobserved.trace() - 1.0).abs() < 1e-9 && found.unobserved[(0, 0)] > 0.9, "{}", found.unobserved);
+    assert!((pose.x() - 0.1).abs() < 0.02, "{pose:?}");
 }
 
 #[test]

@@ -33,7 +33,12 @@ const GAP: usize = 4;
 const OVERLAP: f64 = 3.0;
 
 /// Groups of older key scans near the last one: of each the nearest, nearest group first.
-pub(super) fn candidates(keys: &[KeyScan], poses: &[Se2], window: &SearchWindow, params: &GraphSlamParams) -> Vec<usize> {
+pub(super) fn candidates(
+    keys: &[KeyScan],
+    poses: &[Se2],
+    window: &SearchWindow,
+    params: &GraphSlamParams,
+) -> Vec<usize> {
     let (Some(last), Some(here)) = (keys.last(), poses.last()) else { return Vec::new() };
     let mut nearest: Vec<(f64, usize)> = Vec::new();
     let mut previous = None;

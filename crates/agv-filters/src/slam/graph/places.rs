@@ -46,7 +46,11 @@ impl GraphSlam {
     ///
     /// # Errors
     /// A guess that is not finite.
-    pub fn relocate(&mut self, scan: &LaserScan, guess: Option<&Se2>) -> Result<Option<Alignment<Se2>>, AlignmentError> {
+    pub fn relocate(
+        &mut self,
+        scan: &LaserScan,
+        guess: Option<&Se2>,
+    ) -> Result<Option<Alignment<Se2>>, AlignmentError> {
         if let Some(guess) = guess {
             check::all_finite("guess", &[guess.x(), guess.y(), guess.yaw()])?;
         }

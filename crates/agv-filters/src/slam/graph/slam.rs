@@ -2,9 +2,9 @@
 
 use super::{
     GraphSlamParams,
-    params::Driven,
     closures::{self, Closure},
     key_scan::{KeyScan, gather, noise, usable_points_into},
+    params::Driven,
 };
 use crate::{
     graph::{PoseGraph, PoseGraphSolver, PoseGraphSolverParams, PoseId, Relation},
@@ -281,7 +281,11 @@ impl GraphSlam {
     }
 
     /// Where a scan fits the target.
-    fn track(&mut self, points: &[Vector2<f64>], guess: &Se2) -> Result<(TrackingOutcome, Alignment<Se2>), AlignmentError> {
+    fn track(
+        &mut self,
+        points: &[Vector2<f64>],
+        guess: &Se2,
+    ) -> Result<(TrackingOutcome, Alignment<Se2>), AlignmentError> {
         let GraphSlamParams { good_fit, matcher, .. } = self.params;
         let front = &mut self.derived.front;
         let near = front.match_points(points, guess, HERE)?;
@@ -350,7 +354,8 @@ impl GraphSlam {
             }
             let seconds = |other: &Closure| {
                 other.to != closure.to
-                    && closures::claimed(other, poses).is_some_and(|other| closures::agree(&claim, &other, params.agreement))
+                    && closures::claimed(other, poses)
+                        .is_some_and(|other| closures::agree(&claim, &other, params.agreement))
             };
             if self.pending.iter().filter(|other| seconds(other)).count() + 1 >= params.confirmations {
                 believed.extend(self.pending.extract_if(.., |other| seconds(other)));

@@ -5,6 +5,7 @@ use agv_core::{
     compute::{Par, Seed},
     geometry::{LieGroup, Se2, Twist2},
     grid::{CellState, OccupancyThresholds},
+    metrics::{AbsoluteError, PosePair, TrajectoryAlignment, absolute_error},
     sensors::{LaserScan, ScanGeometry},
     time::Stamp,
 };
@@ -83,13 +84,19 @@ fn slam() -> GraphSlam {
     GraphSlam::new(GraphSlamParams::default()).unwrap()
 }
 
-/// Farthest that a pose of the trajectory is off, in metres and radians, with the first one where it was.
+/// The errors of the trajectory, once it lies as a whole where it fits best.
+fn errors(slam: &GraphSlam, drive: &[Moment]) -> AbsoluteError<Se2> {
+    assert_eq!(slam.trajectory().len(), drive.len());
+    let pair =
+        |((stamp, estimate), moment): ((Stamp, Se2), &Moment)| PosePair { stamp, reference: moment.truth, estimate };
+    let pairs: Vec<_> = slam.trajectory().zip(drive).map(pair).collect();
+    absolute_error(&pairs, TrajectoryAlignment::Rigid).unwrap()
+}
+
+/// The worst of them, in metres and radians.
 fn worst(slam: &GraphSlam, drive: &[Moment]) -> (f64, f64) {
-    let poses: Vec<Se2> = slam.trajectory().map(|(_, pose)| pose).collect();
-    assert_eq!(poses.len(), drive.len());
-    let world_from_map = drive[0].truth * poses[0].inverse();
-    let off = poses.iter().zip(drive).map(|(pose, moment)| moment.truth.between(&(world_from_map * *pose)));
-    off.fold((0.0, 0.0), |(far, turned), off| (off.translation().norm().max(far), off.yaw().abs().max(turned)))
+    let errors = errors(slam, drive);
+    (errors.translation.max(), errors.rotation.max())
 }
 
 fn run(slam: &mut GraphSlam, drive: &[Moment]) -> Vec<SlamStep> {
@@ -109,9 +116,10 @@ fn a_loop_is_closed_and_the_map_is_the_building() {
     assert!((odometry.translation() - truth.translation()).norm() > 1.0, "the drive proves nothing");
     // Every wall is where it is: cells of the map that are occupied lie on a surface.
     let map = slam.map().unwrap().states(&OccupancyThresholds::default());
-    let map_from_world = slam.trajectory().next().unwrap().1 * drive[0].truth.inverse();
+    let world_from_map = errors(&slam, &drive).reference_from_estimate;
     let occupied = (0..map.layout().len()).filter(|&i| map.values()[i] == CellState::Occupied);
-    let places: Vec<_> = occupied.map(|i| map_from_world.inverse().act(&map.layout().center(map.layout().cell(i)))).collect();
+    let center = |i: usize| map.layout().center(map.layout().cell(i));
+    let places: Vec<_> = occupied.map(|i| world_from_map.act(&center(i))).collect();
     let near = places.iter().filter(|place| distance(place) < 0.1).count();
     assert!(places.len() > 500 && near as f64 > 0.97 * places.len() as f64, "{near} of {}", places.len());
     assert!(slam.memory() > 100_000 && slam.memory() < 1_500_000, "{}", slam.memory());
@@ -225,7 +233,10 @@ fn a_map_is_localised_in_and_gone_on_with() {
 
     // A scan of another place is not found.
     let elsewhere = World2d::new(vec![Shape::Circle { center: Vector2::new(1.0, 0.5), radius: 3.0 }]).unwrap();
-    let scan = laser(PI, Se2::default(), 9).scan(&elsewhere, &Se2::default(), &Twist2::ZERO, Stamp::default()).unwrap().clone();
+    let scan = laser(PI, Se2::default(), 9)
+        .scan(&elsewhere, &Se2::default(), &Twist2::ZERO, Stamp::default())
+        .unwrap()
+        .clone();
     let before = slam.map_from_base();
     assert_eq!(slam.relocate(&scan, None).unwrap(), None);
     assert_eq!(slam.map_from_base(), before);
@@ -248,7 +259,8 @@ fn a_stored_state_continues_with_the_same_bits() {
         assert_eq!(resumed.map().unwrap(), whole.map().unwrap());
     }
     let mut value = serde_json::to_value(&whole).unwrap();
-    for (pointer, bad) in [("/anchor", 100_000.into()), ("/way/3/key", 9999.into()), ("/path", serde_json::Value::Null)] {
+    for (pointer, bad) in [("/anchor", 100_000.into()), ("/way/3/key", 9999.into()), ("/path", serde_json::Value::Null)]
+    {
         let good = std::mem::replace(value.pointer_mut(pointer).unwrap(), bad);
         assert!(serde_json::from_value::<GraphSlam>(value.clone()).is_err(), "{pointer}");
         *value.pointer_mut(pointer).unwrap() = good;
