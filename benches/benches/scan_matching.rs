@@ -11,7 +11,7 @@ use agv_core::{
     sensors::LaserScan,
     time::Stamp,
 };
-use agv_filters::matching::{CorrelativeMatcher, CorrelativeParams, SearchWindow};
+use agv_filters::matching::{CorrelativeMatcher, CorrelativeParams, FieldMatcher, FieldMatcherParams, SearchWindow};
 use agv_sim::{Laser, LaserParams, Shape, World2d};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use std::{f64::consts::PI, hint::black_box};
@@ -54,6 +54,13 @@ fn scan_matching(c: &mut Criterion) {
         println!("{name}: {} poses and squares", found.iterations);
         group.bench_function(name, |b| b.iter(|| matcher.match_within(black_box(&reading), &guess, window)));
     }
+
+    let mut field = FieldMatcher::new(FieldMatcherParams::default()).expect("sound");
+    group.bench_function("fields of three scans", |b| b.iter(|| field.set_target(black_box(&target))));
+    field.set_target(&target).expect("sound");
+    let found = field.match_scan(&reading, &near).expect("finite");
+    assert!(found.converged() && (found.target_from_source.translation() - truth.translation()).norm() < 0.03);
+    group.bench_function("field", |b| b.iter(|| field.match_scan(black_box(&reading), &near)));
     group.finish();
 }
 

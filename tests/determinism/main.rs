@@ -11,6 +11,7 @@ mod localization;
 mod particle_models;
 mod planning;
 mod sensing;
+mod slam;
 mod threads;
 mod tuning;
 

@@ -67,7 +67,9 @@ impl Sums {
         let unit = Vector3::new(1.0, 1.0, 1.0 / lever);
         let scale = Matrix3::from_diagonal(&unit);
         let eigen = (scale * (self.hessian - self.spurious * CAUTION) * scale).symmetric_eigen();
-        let seen = Matrix3::from_diagonal(&eigen.eigenvalues.map(|value| value.max(0.0)));
+        // Rounding must not make it indefinite.
+        let least = 1e-9 * eigen.eigenvalues.max().max(0.0);
+        let seen = Matrix3::from_diagonal(&eigen.eigenvalues.map(|value| value.max(least)));
         let back = Matrix3::from_diagonal(&unit.map(|v| 1.0 / v));
         let information = back * eigen.eigenvectors * seen * eigen.eigenvectors.transpose() * back;
         (information + information.transpose()) * (0.5 / variance)

@@ -90,7 +90,7 @@ pub(super) fn look_around(
     let believed = found.converged()
         && found.inlier_ratio >= params.closure.min_inlier_ratio
         && found.score >= params.closure.min_score
-        && found.unobserved.trace() < 0.5;
+        && found.unobserved.trace() < 1.5;
     Ok(believed.then_some(found))
 }
 
