@@ -39,4 +39,5 @@ pub mod landmark;
 pub mod marker;
 pub mod matching;
 pub mod particle;
+pub mod slam;
 pub mod tracking;
