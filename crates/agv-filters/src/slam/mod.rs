@@ -4,4 +4,6 @@
 
 pub mod rbpf;
 
-pub use rbpf::{Rbpf, RbpfParams};
+#[cfg(feature = "serde")]
+pub use rbpf::RbpfCheckpoint;
+pub use rbpf::{Rbpf, RbpfParams, RbpfUpdate, ScanFitParams, TileMap};

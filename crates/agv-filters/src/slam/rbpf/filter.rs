@@ -235,28 +235,25 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
         if self.belief.steps.is_empty() {
             return self.begin(scan);
         }
-        let seen = self.motion_before(scan)?;
-        if !self.params.update.is_reached(seen.since.translation().norm(), seen.since.yaw().abs()) {
-            self.belief.walked = seen.since;
+        let moved = self.motion_before(scan)?;
+        if !self.params.update.is_reached(moved.since.translation().norm(), moved.since.yaw().abs()) {
+            (self.belief.walked, self.belief.drift) = (moved.since, moved.drift);
             return Ok(self.skipped(scan, SkipReason::LittleMotion));
         }
-        self.propose_all(&seen)?;
-        self.take_in(scan, &seen)
+        self.propose_all(&moved)?;
+        Ok(self.take_in(scan, &moved))
     }
 
     /// How the vehicle has moved since the last scan that was taken in.
     fn motion_before(&mut self, scan: &LaserScan) -> Result<Moved, Error> {
-        let belief = &mut self.belief;
-        let (stamp, covariance) = (scan.stamp(), Matrix3::zeros());
-        let mut moved = match belief.pending {
-            Some(pending) => Moved { since: pending.start_from_end, motion: pending },
-            // No wheels: the vehicle is taken to go on as it did.
-            None => {
-                let since = if belief.has_odometry { Se2::identity() } else { belief.walked * belief.drift };
-                let motion = OdometryIncrement { start: stamp, end: stamp, start_from_end: since, covariance };
-                Moved { since, motion }
-            }
-        };
+        let belief = &self.belief;
+        let (stamp, drift) = (scan.stamp(), belief.drift);
+        // Without wheels the vehicle is taken to go on as it did.
+        let alone = if belief.has_odometry { Se2::identity() } else { belief.walked * drift };
+        let standing =
+            OdometryIncrement { start: stamp, end: stamp, start_from_end: alone, covariance: Matrix3::zeros() };
+        let motion = belief.pending.unwrap_or(standing);
+        let mut moved = Moved { since: motion.start_from_end, motion, drift };
         let Some(matching) = &mut self.scan_odometry else { return Ok(moved) };
         if belief.has_odometry {
             let is_due = self.params.update.is_reached(moved.since.translation().norm(), moved.since.yaw().abs());
@@ -269,7 +266,7 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
             let loose = [window.distance, window.distance, window.angle].map(|sigma| sigma.max(1e-3).powi(-2));
             let found = matching.motion(scan, &moved.since, &Matrix3::from_diagonal(&loose.into()))?;
             let since = found.unwrap_or(moved.since);
-            belief.drift = found.map_or_else(Se2::identity, |found| belief.walked.between(&found));
+            moved.drift = found.map_or_else(Se2::identity, |found| belief.walked.between(&found));
             (moved.since, moved.motion.start_from_end) = (since, since);
         }
         Ok(moved)
@@ -299,10 +296,10 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
     }
 
     /// Particles become what was proposed, and get to know the scan.
-    fn take_in(&mut self, scan: &LaserScan, moved: &Moved) -> Result<RbpfUpdate, Error> {
+    fn take_in(&mut self, scan: &LaserScan, moved: &Moved) -> RbpfUpdate {
         let Self { params, seed, par, belief, beams, proposed, log_weights, .. } = self;
         let Some(weights) = belief.particles.reweigh(log_weights, *par) else {
-            return Ok(self.skipped(scan, SkipReason::Unexplained));
+            return self.skipped(scan, SkipReason::Unexplained);
         };
         let poses: Vec<Se2> = proposed.iter().map(|proposed| proposed.pose).collect();
         belief.particles.propose(*par, |chunk, _, states| {
@@ -318,7 +315,7 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
         });
         let step = belief.steps.len() as u64;
         belief.steps.push(moved.since);
-        (belief.pending, belief.walked) = (None, Se2::identity());
+        (belief.pending, belief.walked, belief.drift) = (None, Se2::identity(), moved.drift);
         belief.note(scan.stamp(), Se2::identity());
         belief.since_resampling += 1;
         let context = ResampleContext::new(weights, poses.len(), belief.since_resampling, moved.since);
@@ -342,7 +339,7 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
         if let Some(matching) = &mut self.scan_odometry {
             matching.take_in(scan, &moved.motion.start_from_end);
         }
-        Ok(update)
+        update
     }
 
     /// The first scan makes the map.
@@ -382,11 +379,18 @@ struct Moved {
     since: Se2,
     /// The same, made better by the scans.
     motion: OdometryIncrement,
+    /// Without odometry: the motion since the last scan.
+    drift: Se2,
 }
 
 /// Whether a map has room for a scan taken at a pose.
 fn check_room(map: &TileMap, beams: &Beams, pose: &Se2) -> Result<(), Error> {
-    let far = Error::OutOfRange { name: "distance of a scan (m)", value: pose.translation().norm(), min: 0.0, max: LONGEST_RUN };
+    let far = Error::OutOfRange {
+        name: "distance of a scan (m)",
+        value: pose.translation().norm(),
+        min: 0.0,
+        max: LONGEST_RUN,
+    };
     let (low, high) = beams.cells_from(pose, map.resolution(), 1).ok_or(far)?;
     map.check_room(&TileRect::of_cells(low, high))
 }

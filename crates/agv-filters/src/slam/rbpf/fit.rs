@@ -9,7 +9,7 @@
 //! ```
 //!
 //! minus the logarithm of the posterior up to a constant: `b` of the `n` beams count as independent, `Ω` is the information of the
-//! motion model. The kernel is Geman and McClure's; a beam that meets nothing costs `c`.
+//! motion model. The kernel is that of Geman and `McClure`; a beam that meets nothing costs `c`.
 
 use super::{
     params::ScanFitParams,
@@ -61,8 +61,11 @@ impl Fit<'_> {
     #[inline]
     fn met(&self, pose: &Se2, point: &Vector2<f64>) -> Option<(Surface, f64)> {
         let surface = self.view.nearest(&(pose.act(point) * (1.0 / self.resolution)))?;
-        let residual =
-            if surface.normal.x == 0.0 && surface.normal.y == 0.0 { surface.off.norm_squared() } else { surface.normal.dot(&surface.off).powi(2) };
+        let residual = if surface.normal.x == 0.0 && surface.normal.y == 0.0 {
+            surface.off.norm_squared()
+        } else {
+            surface.normal.dot(&surface.off).powi(2)
+        };
         let variance = self.params.sigma / self.resolution;
         Some((surface, residual / (2.0 * variance * variance)))
     }

@@ -107,3 +107,113 @@ fn fitted(view: &View<'_>, cell: Cell) -> Vector2<f64> {
     let along = 0.5 * twice.atan2(difference);
     Vector2::new(-along.sin(), along.cos())
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::slam::RbpfParams;
+    use agv_core::{
+        compute::Seed,
+        grid::{EvidenceGrid, GridLayout, InverseModelParams},
+        sensors::{LaserScan, ScanGeometry},
+        time::Stamp,
+    };
+    use rand::RngExt;
+
+    /// Scans of any shape from anywhere, across tiles and regions.
+    fn scans() -> Vec<(Se2, LaserScan)> {
+        let mut stream = Seed(3).stream(0, 0);
+        (0..6)
+            .map(|_| {
+                let mut within = |low: f64, high: f64| stream.random_range(low..high);
+                let pose = Se2::new(within(-20.0, 5.0), within(-3.0, 30.0), within(-3.0, 3.0));
+                let ranges = (0..200).map(|i| if i % 9 == 0 { f32::INFINITY } else { within(0.1, 9.0) as f32 });
+                let geometry = ScanGeometry { angle_increment: 0.03, range_max: 8.0, ..ScanGeometry::default() };
+                (pose, LaserScan::new(Stamp::default(), geometry, ranges.collect()).unwrap())
+            })
+            .collect()
+    }
+
+    fn mapped(params: &RbpfParams) -> TileMap {
+        let (mut map, mut beams) = (TileMap::new(params.resolution), Beams::default());
+        for (pose, scan) in scans() {
+            beams.read(&scan, &params.inverse_model().unwrap(), 1000);
+            insert(&mut map, &pose, &beams);
+        }
+        map
+    }
+
+    #[test]
+    fn cells_know_what_those_of_the_mapping_grid_know() {
+        let params = RbpfParams { max_range: 7.0, ..RbpfParams::default() };
+        let map = mapped(&params);
+        let layout = map.layout().unwrap();
+        let model = InverseModelParams { max_range: Some(7.0), protect_hits: false, ..InverseModelParams::default() };
+        let mut grid = EvidenceGrid::new(GridLayout::new(8, 8, 0.05, Se2::default()).unwrap(), model).unwrap();
+        for (pose, scan) in scans() {
+            grid.insert_scan(&scan, &pose).unwrap();
+        }
+        let (mut same, mut cells) = (0, 0);
+        map.for_each_cell(&layout, |cell, log_odds| {
+            let there = grid.layout().cell_at(&layout.center(cell)).and_then(|cell| grid.log_odds(cell));
+            same += usize::from(there.is_some_and(|there| (there - log_odds).abs() < 1e-9));
+            cells += 1;
+        });
+        // A beam whose end is rounded across a line differs by a cell.
+        assert!(cells > 50_000 && same + 4 >= cells, "{same} of {cells}");
+        let known = grid.evidence().iter().filter(|&&evidence| evidence != 0).count();
+        assert!(known <= cells && known + 200 > cells, "{known} {cells}");
+    }
+
+    #[test]
+    fn the_nearest_surface_is_that_of_trying_all() {
+        let map = mapped(&RbpfParams::default());
+        let mut surfaces = Vec::new();
+        for ((x, y), tile) in map.tiles() {
+            for (i, evidence) in (0_i32..).zip(tile.evidence()) {
+                let (x, y) = (x * 32 + i % 32, y * 32 + i / 32);
+                if evidence.is_some_and(|evidence| evidence > 0) {
+                    let mean = tile.ends(x, y).unwrap().mean();
+                    surfaces.push(Vector2::new(f64::from(x), f64::from(y)) + mean);
+                }
+            }
+        }
+        assert!(surfaces.len() > 900);
+        let view = View::new(&map, &TileRect::of_cells((-700, -400), (400, 900)));
+        let mut stream = Seed(4).stream(0, 0);
+        let (mut met, mut farther) = (0, 0.0_f64);
+        for surface in surfaces.iter().cycle().take(3000) {
+            let place = surface + Vector2::from_fn(|_, _| stream.random_range(-4.0..4.0));
+            let cell = |v: &Vector2<f64>| v.map(f64::floor);
+            let seen = surfaces.iter().filter(|s| (cell(s) - cell(&place)).amax() <= f64::from(AROUND));
+            let least = seen.map(|s| (s - place).norm()).min_by(f64::total_cmp);
+            let found = view.nearest(&place).map(|found| found.off.norm());
+            assert_eq!(found.is_some(), least.is_some());
+            if let (Some(found), Some(least)) = (found, least) {
+                met += 1;
+                farther = farther.max(found - least);
+            }
+        }
+        // Two rings are looked at: what a third could hide is nearer by less than half a cell.
+        assert!(met > 1000 && (0.0..0.5).contains(&farther), "{met} {farther}");
+    }
+
+    #[test]
+    fn walls_have_normals() {
+        let (params, mut map, mut beams) = (RbpfParams::default(), TileMap::new(0.05), Beams::default());
+        let geometry = ScanGeometry { angle_min: -0.5, angle_increment: 0.005, ..ScanGeometry::default() };
+        // A wall 2 m ahead, whose normal is turned by 0.3 rad.
+        let range = |a: f64| (2.0 / (a - 0.3).cos()) as f32;
+        let ranges = (0..200).map(|i| range(geometry.angle(i))).collect();
+        let scan = LaserScan::new(Stamp::default(), geometry, ranges).unwrap();
+        beams.read(&scan, &params.inverse_model().unwrap(), 1000);
+        insert(&mut map, &Se2::default(), &beams);
+        let view = View::new(&map, &TileRect::of_cells((-10, -60), (80, 60)));
+        for end in &beams.points {
+            let surface = view.nearest(&(end / 0.05)).unwrap();
+            let expected = Vector2::new(0.3_f64.cos(), 0.3_f64.sin());
+            assert!(surface.normal.dot(&expected).abs() > 0.99, "{}", surface.normal);
+            assert!(surface.normal.dot(&surface.off).abs() < 0.2);
+        }
+    }
+}

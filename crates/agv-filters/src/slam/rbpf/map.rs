@@ -4,7 +4,7 @@
 //! and the first change to a tile of a copy copies that tile and the two tables above it. So resampling costs a reference per
 //! particle, and memory grows with the area seen and with what particles see differently since they parted.
 
-use super::tile::{MapCell, TILE, TILE_BITS, Tile};
+use super::tile::{TILE, TILE_BITS, Tile};
 use agv_core::{
     Error,
     geometry::Se2,
@@ -129,11 +129,18 @@ impl TileMap {
             sheet.grow(&TileRect { low: tile, high: tile });
             sheet.index(tile).unwrap_or_default()
         });
-        let region = sheet.regions[index].get_or_insert_with(|| Arc::new(Region { tiles: [const { None }; REGION_TILES] }));
+        let region =
+            sheet.regions[index].get_or_insert_with(|| Arc::new(Region { tiles: [const { None }; REGION_TILES] }));
         &mut Arc::make_mut(region).tiles[place(tile)]
     }
 
-    /// Hangs a tile in.
+    /// What tells apart maps that share everything from those that do not.
+    #[cfg(feature = "serde")]
+    pub(super) fn address(&self) -> usize {
+        Arc::as_ptr(&self.sheet).addr()
+    }
+
+    /// Hangs a tile in; there must be room for it.
     #[cfg(feature = "serde")]
     pub(super) fn put(&mut self, tile: (i32, i32), content: Arc<Tile>) {
         *self.slot(tile) = Some(content);
@@ -153,15 +160,17 @@ impl TileMap {
         })
     }
 
-    /// What the map knows of a cell.
-    pub(super) fn cell(&self, x: i32, y: i32) -> Option<&MapCell> {
-        Some(self.tile((x >> TILE_BITS, y >> TILE_BITS))?.cell(x, y))
-    }
-
-    /// Log-odds of occupancy of the cell that holds lattice coordinate `(x, y)`, which counts cells from the origin of the map
-    /// frame; none where no beam has been.
-    pub fn log_odds(&self, cell: Cell) -> Option<f64> {
-        Some(f64::from(self.cell(cell.x, cell.y)?.evidence()?) * QUANTUM)
+    /// Calls `visit` with every cell that a beam has met, counted from the lower-left of `layout`, and its log-odds of occupancy.
+    pub(super) fn for_each_cell(&self, layout: &GridLayout, mut visit: impl FnMut(Cell, f64)) {
+        let (left, bottom) = corner_cell(layout);
+        for ((x, y), tile) in self.tiles() {
+            for (i, evidence) in (0_i32..).zip(tile.evidence()) {
+                if let Some(evidence) = evidence {
+                    let cell = Cell::new(x * TILE + (i & (TILE - 1)) - left, y * TILE + (i >> TILE_BITS) - bottom);
+                    visit(cell, f64::from(evidence) * QUANTUM);
+                }
+            }
+        }
     }
 
     /// The least rectangle of whole tiles that holds all that was seen.
@@ -180,15 +189,9 @@ impl TileMap {
     pub fn states(&self, thresholds: &OccupancyThresholds) -> Result<Grid<CellState>, Error> {
         let layout = self.layout()?;
         let mut states = Grid::filled(layout, CellState::Unknown);
-        let (left, bottom) = corner_cell(&layout);
-        for ((x, y), tile) in self.tiles() {
-            for (cell, content) in (0_i32..).zip(tile.cells()) {
-                if let Some(evidence) = content.evidence() {
-                    let at = Cell::new(x * TILE + (cell & (TILE - 1)) - left, y * TILE + (cell >> TILE_BITS) - bottom);
-                    states.set(at, thresholds.state_of_log_odds(f64::from(evidence) * QUANTUM));
-                }
-            }
-        }
+        self.for_each_cell(&layout, |cell, log_odds| {
+            states.set(cell, thresholds.state_of_log_odds(log_odds));
+        });
         Ok(states)
     }
 
@@ -201,7 +204,7 @@ impl TileMap {
         for region in sheet.regions.iter().flatten() {
             if visit(Arc::as_ptr(region).addr(), size_of::<Region>()) {
                 for tile in region.tiles.iter().flatten() {
-                    visit(Arc::as_ptr(tile).addr(), size_of::<Tile>());
+                    visit(Arc::as_ptr(tile).addr(), tile.bytes());
                 }
             }
         }
@@ -225,7 +228,7 @@ pub(super) fn layout_of(tiles: &TileRect, resolution: f64) -> Result<GridLayout,
 }
 
 /// The lattice cell of a layout's lower-left.
-pub(super) fn corner_cell(layout: &GridLayout) -> (i32, i32) {
+fn corner_cell(layout: &GridLayout) -> (i32, i32) {
     let corner = (layout.map_from_grid().translation() / layout.resolution()).map(f64::round);
     (corner.x as i32, corner.y as i32)
 }

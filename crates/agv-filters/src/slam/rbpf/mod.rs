@@ -1,4 +1,4 @@
-//! A particle filter over trajectories, each particle with a map of its own: the class of GMapping.
+//! A particle filter over trajectories, each particle with a map of its own: the class of `GMapping`.
 //!
 //! Given its trajectory a vehicle's map is known, so that particles need be samples of trajectories only (Murphy, *Bayesian map
 //! learning in dynamic environments*, 1999). [`Rbpf`] follows Grisetti, Stachniss and Burgard, *Improved techniques for grid mapping
@@ -11,9 +11,11 @@
 //!   that slip then lead no particle astray, and there need be no odometry at all.
 //! - Maps share tiles ([`TileMap`]): drawing a new set costs a counted reference per particle.
 //!
-//! The same bits for any number of threads;
+//! The same bits for any number of threads.
 
 mod beams;
+#[cfg(feature = "serde")]
+mod checkpoint;
 mod filter;
 mod fit;
 mod insert;
@@ -28,6 +30,8 @@ mod tile;
 mod trajectory;
 mod view;
 
+#[cfg(feature = "serde")]
+pub use checkpoint::RbpfCheckpoint;
 pub use filter::{Rbpf, RbpfUpdate};
 pub use map::TileMap;
 pub use params::{RbpfParams, ScanFitParams};

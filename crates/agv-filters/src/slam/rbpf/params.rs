@@ -1,5 +1,6 @@
 //! What is set once.
 
+use super::beams::FARTHEST;
 use crate::{
     matching::{CorrelativeParams, SearchWindow},
     particle::{EffectiveSampleSizeBelow, MotionThreshold, ParticleSet},
@@ -41,7 +42,7 @@ pub struct ScanFitParams {
     pub outlier: f64,
     /// As many independent beams a scan is worth where it places the particle: neighbouring beams err together.
     pub independent_beams: f64,
-    /// Exponent on the likelihood where particles are weighed against each other, at most one: the reciprocal of GMapping's gain.
+    /// Exponent on the likelihood where particles are weighed against each other, at most one: the reciprocal of `GMapping`'s gain.
     pub weight_exponent: f64,
     /// Most beams that are matched, evenly spread.
     pub max_beams: usize,
@@ -56,7 +57,7 @@ pub struct ScanFitParams {
 }
 
 impl Default for RbpfParams {
-    /// 30 particles on cells of 0.05 m, as GMapping has them; a scan each 0.3 m or 0.25 rad; resampling below half the effective
+    /// 30 particles on cells of 0.05 m, as `GMapping` has them; a scan each 0.3 m or 0.25 rad; resampling below half the effective
     /// sample size (Grisetti et al. 2007, section III-B).
     fn default() -> Self {
         Self {
@@ -107,7 +108,7 @@ impl RbpfParams {
         check::in_range("resolution", self.resolution, 1e-3, 10.0)?;
         self.update.validate()?;
         self.resample.validate()?;
-        check::in_range("max_range (cells)", self.max_range / self.resolution, 1.0, 1e5)?;
+        check::in_range("max_range (cells)", self.max_range / self.resolution, 1.0, 0.5 * FARTHEST)?;
         self.inverse_model().map(|_| ())?;
         self.matching.validate()?;
         self.scan_odometry.map_or(Ok(()), |matching| matching.validate())

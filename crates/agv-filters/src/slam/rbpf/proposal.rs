@@ -94,13 +94,7 @@ pub(super) fn propose(
 const SLACK: f64 = 1.0;
 
 /// Draws from the Gaussian of `τ` around the best pose; none if the fit has no curvature or no sample counts.
-fn placed(
-    fit: &Fit<'_>,
-    best: &Se2,
-    hessian: &Matrix3<f64>,
-    motion: &Motion,
-    stream: &mut Stream,
-) -> Option<Proposed> {
+fn placed(fit: &Fit<'_>, best: &Se2, hessian: &Matrix3<f64>, motion: &Motion, stream: &mut Stream) -> Option<Proposed> {
     let covariance = hessian.cholesky()?.inverse();
     let root = semidefinite_root(&covariance);
     // log (τ / q) at best ⊕ L z, without the constants of the two Gaussians, which cancel.
@@ -140,3 +134,97 @@ fn placed(
 
 /// Most samples of a proposal.
 pub(super) const MAX_SAMPLES: usize = 64;
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::slam::{RbpfParams, rbpf::insert::insert};
+    use agv_core::{
+        compute::Seed,
+        sensors::{LaserScan, ScanGeometry},
+        time::Stamp,
+    };
+
+    /// Beams in a corner, 3 m ahead and 2 m to the left.
+    fn corner() -> Beams {
+        let geometry = ScanGeometry { angle_min: -0.9, angle_increment: 0.02, ..ScanGeometry::default() };
+        let range = |a: f64| (3.0 / a.cos().max(1e-9)).min(2.0 / a.sin().max(1e-9)) as f32;
+        let ranges = (0..140).map(|i| range(geometry.angle(i))).collect();
+        let (mut beams, model) = (Beams::default(), RbpfParams::default().inverse_model().unwrap());
+        beams.read(&LaserScan::new(Stamp::default(), geometry, ranges).unwrap(), &model, 90);
+        beams
+    }
+
+    fn map_of(beams: &Beams) -> TileMap {
+        let mut map = TileMap::new(0.05);
+        insert(&mut map, &Se2::default(), beams);
+        map
+    }
+
+    fn motion() -> Motion {
+        Motion::new(Se2::new(0.02, -0.01, 0.004), &Matrix3::from_diagonal(&Vector3::new(4e-4, 4e-4, 1e-4))).unwrap()
+    }
+
+    /// The weight is the integral of the posterior, and the draws have its mean: both against a sum over a fine lattice.
+    #[test]
+    fn the_weight_is_the_integral_and_the_draws_have_the_mean() {
+        let beams = corner();
+        let map = map_of(&beams);
+        let params = ScanFitParams { weight_exponent: 1.0, samples: 64, ..ScanFitParams::default() };
+        let motion = motion();
+        let reach = beams.cells_from(&Se2::default(), 0.05, 30).unwrap();
+        let prediction = Prediction { pose: motion.start_from_end, information: motion.information };
+        let view = View::new(&map, &TileRect::of_cells(reach.0, reach.1));
+        let fit = Fit { view, resolution: 0.05, points: &beams.points, prediction, params: &params };
+        let best = fit.best();
+        assert!(best.explained > 0.95 && best.pose.translation().norm() < 0.01, "{:?}", best.pose);
+
+        let sigma = best.hessian.cholesky().unwrap().inverse().diagonal().map(f64::sqrt);
+        let (half, steps) = (4.5, 8_i32);
+        let (mut sum, mut mean) = (0.0, Vector3::zeros());
+        let at = |i: i32| half * f64::from(i) / f64::from(steps);
+        for (i, j, k) in
+            (-steps..=steps).flat_map(|i| (-steps..=steps).flat_map(move |j| (-steps..=steps).map(move |k| (i, j, k))))
+        {
+            let off = Vector3::new(at(i), at(j), at(k)).component_mul(&sigma);
+            let density = (-fit.cost(&best.pose.plus(&off))).exp();
+            sum += density;
+            mean += off * density;
+        }
+        mean /= sum;
+        let volume = sigma.product() * (half / f64::from(steps)).powi(3);
+        let expected = (sum * volume).ln() + motion.log_scale - 1.5 * std::f64::consts::TAU.ln();
+
+        let draw = |seed: u64| {
+            let mut stream = Seed(seed).stream(0, 0);
+            propose(&map, &Se2::default(), &motion, &beams, &params, |_, _| panic!("the scan fits"), &mut stream)
+        };
+        let draws: Vec<_> = (0..200).map(draw).collect();
+        let count = draws.len() as f64;
+        let log_weight = draws.iter().map(|d| d.log_weight).sum::<f64>() / count;
+        assert!((log_weight - expected).abs() < 0.15, "{log_weight} {expected}");
+        let offs: Vec<_> = draws.iter().map(|d| d.pose.minus(&best.pose)).collect();
+        let drawn = offs.iter().sum::<Vector3<f64>>() / count;
+        // Five standard errors.
+        assert!(((drawn - mean).component_div(&sigma)).amax() < 5.0 / count.sqrt(), "{drawn} {mean} {sigma}");
+        let variance = offs.iter().map(|o| o.component_mul(o)).sum::<Vector3<f64>>() / count;
+        let ratio = variance.component_div(&sigma.component_mul(&sigma));
+        assert!(ratio.min() > 0.5 && ratio.max() < 2.0, "{ratio}");
+    }
+
+    #[test]
+    fn where_nothing_fits_the_motion_model_draws() {
+        let beams = corner();
+        let (params, mut stream) = (ScanFitParams::default(), Seed(1).stream(0, 0));
+        let elsewhere = Se2::new(0.3, 0.2, 0.1);
+        let empty = TileMap::new(0.05);
+        let proposed = propose(&empty, &Se2::default(), &motion(), &beams, &params, |_, _| elsewhere, &mut stream);
+        assert!(!proposed.matched && proposed.explained == 0.0 && proposed.pose == elsewhere);
+        let cost = params.weight_exponent * params.independent_beams * params.outlier;
+        assert!((proposed.log_weight + cost).abs() < 1e-9);
+        // Far beyond what cells count.
+        let far = Se2::new(1e12, 0.0, 0.0);
+        let proposed = propose(&empty, &far, &motion(), &beams, &params, |_, _| elsewhere, &mut stream);
+        assert!(!proposed.matched && proposed.pose.x() > 1e11);
+    }
+}

@@ -2,13 +2,12 @@
 
 use super::{
     filter::Rbpf,
-    map::{TileMap, corner_cell, layout_of, rect_of},
-    tile::{TILE, TILE_BITS},
+    map::{TileMap, layout_of, rect_of},
 };
 use agv_core::{
     Error,
     geometry::{LieGroup, Se2, UncertainPose},
-    grid::{Cell, CellState, Grid, OccupancyThresholds, QUANTUM},
+    grid::{CellState, Grid, OccupancyThresholds},
     time::Stamp,
 };
 use std::collections::HashSet;
@@ -57,7 +56,9 @@ impl<M> Rbpf<M> {
         let length = |motion: &Se2| motion.translation().norm() + motion.yaw().abs();
         let place = |step: usize, since: &Se2| {
             let here = path.get(step)?;
-            let Some((next, whole)) = path.get(step + 1).zip(belief.steps.get(step + 1)) else { return Some(*here * *since) };
+            let Some((next, whole)) = path.get(step + 1).zip(belief.steps.get(step + 1)) else {
+                return Some(*here * *since);
+            };
             let share = if length(whole) > 0.0 { (length(since) / length(whole)).min(1.0) } else { 0.0 };
             let bend = (*here * *whole).between(next).log();
             Some((*here * *since).plus(&(bend * share)))
@@ -86,21 +87,16 @@ impl<M> Rbpf<M> {
         let rect = rect_of(tiles).ok_or(Error::Empty { name: "map" })?;
         let layout = layout_of(&rect, self.params.resolution)?;
         let mut sums = Grid::filled(layout, (0.0_f32, false));
-        let (left, bottom) = corner_cell(&layout);
         for (map, &weight) in self.belief.maps.iter().zip(self.weights()) {
-            for ((x, y), tile) in map.tiles() {
-                for (i, content) in (0_i32..).zip(tile.cells()) {
-                    let at = Cell::new(x * TILE + (i & (TILE - 1)) - left, y * TILE + (i >> TILE_BITS) - bottom);
-                    if let (Some(evidence), Some((sum, seen))) = (content.evidence(), sums.get(at).copied()) {
-                        let log_odds = f64::from(evidence) * QUANTUM;
-                        let probability = 1.0 / (1.0 + (-log_odds).exp());
-                        _ = seen;
-                        sums.set(at, (sum + (weight * (probability - 0.5)) as f32, true));
-                    }
+            map.for_each_cell(&layout, |cell, log_odds| {
+                if let Some((sum, _)) = sums.get(cell) {
+                    let probability = 1.0 / (1.0 + (-log_odds).exp());
+                    sums.set(cell, (sum + (weight * (probability - 0.5)) as f32, true));
                 }
-            }
+            });
         }
-        let state = |&(sum, seen): &(f32, bool)| if seen { thresholds.state(f64::from(sum) + 0.5) } else { CellState::Unknown };
+        let state =
+            |&(sum, seen): &(f32, bool)| if seen { thresholds.state(f64::from(sum) + 0.5) } else { CellState::Unknown };
         Grid::new(layout, sums.values().iter().map(state).collect())
     }
 
@@ -114,6 +110,8 @@ impl<M> Rbpf<M> {
                 is_new
             });
         }
-        bytes + self.belief.seen.capacity() * size_of::<super::filter::Seen>() + self.belief.steps.capacity() * size_of::<Se2>()
+        bytes
+            + self.belief.seen.capacity() * size_of::<super::filter::Seen>()
+            + self.belief.steps.capacity() * size_of::<Se2>()
     }
 }

@@ -64,6 +64,10 @@ impl ScanOdometry {
         // Poses stay small, so that no rounding gathers over a long run.
         let back = pose.inverse();
         self.recent.iter_mut().for_each(|(pose, _)| *pose = back * *pose);
+        self.retarget();
+    }
+
+    fn retarget(&mut self) {
         let target: Vec<_> =
             self.recent.iter().map(|(pose, scan)| TargetScan { target_from_base: *pose, scan }).collect();
         // Scans too few or too far apart to be one target leave the last one, which the next scan then does not match.
@@ -77,8 +81,16 @@ impl ScanOdometry {
         self.recent.clear();
     }
 
+    /// The last scans, the oldest first, and where they were taken: all that later motions depend on.
     #[cfg(feature = "serde")]
-    pub(super) const fn recent(&self) -> &VecDeque<(Se2, LaserScan)> {
-        &self.recent
+    pub(super) fn recent(&self) -> Vec<(Se2, LaserScan)> {
+        self.recent.iter().cloned().collect()
+    }
+
+    /// Goes on from scans that were [`recent`](Self::recent).
+    #[cfg(feature = "serde")]
+    pub(super) fn restore(&mut self, recent: &[(Se2, LaserScan)]) {
+        self.recent = recent.iter().rev().take(KEPT).rev().cloned().collect();
+        self.retarget();
     }
 }

@@ -1,8 +1,9 @@
 //! A square of map cells, the unit that particles share.
 //!
-//! A cell counts the beams that ended in it and those that passed, and keeps the mean of the ends: a surface to a fraction of a
-//! cell, as GMapping has it. Beside that it keeps the normal of the surface there, which [`surface`](super::surface) finds from the
-//! neighbours. A bit per cell says where surfaces are, so that a look around a place costs a few words and not dozens of cells.
+//! A cell counts the beams that passed; a cell in which beams ended counts these too, and keeps the mean of the ends: a surface to a
+//! fraction of a cell, as `GMapping` has it, and its normal, which [`insert`](super::insert) fits to the neighbours. Few cells have any
+//! end, so that these are kept apart, in the order of the cells, and found by counting bits: a tile takes 2.3 kB and 12 bytes for each
+//! of them. Another bit per cell says where surfaces are, so that a look around a place costs a few words and not dozens of cells.
 
 use nalgebra::Vector2;
 
@@ -15,8 +16,8 @@ pub(super) const TILE_CELLS: usize = (TILE * TILE) as usize;
 
 /// Evidence of an end and of a passing beam, in units of [`QUANTUM`](agv_core::grid::QUANTUM): probabilities of 0.8 and 0.45, the
 /// defaults of [`InverseModelParams`](agv_core::grid::InverseModelParams). A cell is a surface if more than one of eight beams end there.
-pub(super) const HIT: i32 = 355;
-pub(super) const MISS: i32 = -51;
+const HIT: i32 = 355;
+const MISS: i32 = -51;
 
 /// Parts of a cell that a mean counts in.
 const PARTS: f64 = 65_536.0;
@@ -24,34 +25,20 @@ const PARTS: f64 = 65_536.0;
 /// Parts of a unit vector that a normal counts in.
 const UNIT: f64 = 32_767.0;
 
-/// What a map knows of a cell.
+/// The beams that ended in a cell.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub(super) struct MapCell {
-    /// Beams that ended here.
-    pub(super) hits: u16,
-    /// Beams that passed.
-    pub(super) passes: u16,
-    /// Mean of the ends from the cell's lower-left, in 65536ths of its edge.
-    pub(super) mean: [u16; 2],
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub(super) struct Ends {
+    /// How many there were.
+    count: u16,
+    /// Their mean from the cell's lower-left, in 65536ths of its edge.
+    mean: [u16; 2],
     /// Normal of the surface, in 32767ths; zero where the neighbours are on no line.
-    pub(super) normal: [i16; 2],
+    normal: [i16; 2],
 }
 
-impl MapCell {
-    /// Log-odds of occupancy, in units of [`QUANTUM`](agv_core::grid::QUANTUM); none of a cell that no beam has met.
-    #[inline]
-    pub(super) fn evidence(&self) -> Option<i32> {
-        let sum = i32::from(self.hits) * HIT + i32::from(self.passes) * MISS;
-        (self.hits > 0 || self.passes > 0).then_some(sum)
-    }
-
-    /// Whether there is a surface here.
-    #[inline]
-    pub(super) fn is_surface(&self) -> bool {
-        i32::from(self.hits) * HIT > i32::from(self.passes) * -MISS
-    }
-
-    /// Mean of the ends from the cell's lower-left, in cells.
+impl Ends {
+    /// Their mean from the cell's lower-left, in cells.
     #[inline]
     pub(super) fn mean(&self) -> Vector2<f64> {
         Vector2::new(f64::from(self.mean[0]), f64::from(self.mean[1])) * (1.0 / PARTS)
@@ -63,114 +50,181 @@ impl MapCell {
         Vector2::new(f64::from(self.normal[0]), f64::from(self.normal[1])) * (1.0 / UNIT)
     }
 
-    /// Sets the unit normal, or zero for none.
-    pub(super) fn set_normal(&mut self, normal: &Vector2<f64>) {
-        self.normal = [normal.x, normal.y].map(|v| (v * UNIT).round() as i16);
-    }
-
-    /// A beam passed.
-    #[inline]
-    fn pass(&mut self) {
-        if self.passes == u16::MAX {
-            self.halve();
-        }
-        self.passes += 1;
-    }
-
-    /// A beam ended here, this far from the cell's lower-left, in cells.
-    fn hit(&mut self, within: &Vector2<f64>) {
-        if self.hits == u16::MAX {
-            self.halve();
-        }
-        self.hits += 1;
+    /// One more, this far from the cell's lower-left, in cells.
+    fn add(&mut self, within: &Vector2<f64>) {
+        self.count += 1;
         for (mean, end) in self.mean.iter_mut().zip(within.iter()) {
-            let (end, count) = ((end * PARTS).clamp(0.0, PARTS - 1.0) as i32, i32::from(self.hits));
+            let (end, count) = ((end * PARTS).clamp(0.0, PARTS - 1.0) as i32, i32::from(self.count));
             let off = end - i32::from(*mean);
             // Rounded to the nearest, so that the mean is not drawn to one side.
             *mean = (i32::from(*mean) + (2 * off + count * off.signum()) / (2 * count)) as u16;
         }
     }
+}
 
-    /// Keeps the share of hits where a count is full.
-    fn halve(&mut self) {
-        (self.hits, self.passes) = (self.hits / 2, self.passes / 2);
-    }
+/// Log-odds of occupancy by the beams that ended and those that passed.
+#[inline]
+fn evidence(ends: u16, passes: u16) -> i32 {
+    i32::from(ends) * HIT + i32::from(passes) * MISS
 }
 
 /// A square of cells, row by row from the lower-left.
 #[derive(Debug, Clone, PartialEq, Eq)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "RawTile", into = "RawTile")
+)]
 pub(super) struct Tile {
-    cells: [MapCell; TILE_CELLS],
+    /// Beams that passed each cell.
+    passes: [u16; TILE_CELLS],
+    /// A bit per cell in which beams ended, and how many of them come before each row.
+    met: [u32; TILE as usize],
+    before: [u16; TILE as usize],
+    /// Those cells, in order.
+    ends: Vec<Ends>,
     /// A bit per cell with a surface.
-    rows: [u32; TILE as usize],
+    surfaces: [u32; TILE as usize],
 }
 
 impl Default for Tile {
     fn default() -> Self {
-        Self { cells: [MapCell::default(); TILE_CELLS], rows: [0; TILE as usize] }
+        const NONE: [u32; TILE as usize] = [0; TILE as usize];
+        Self { passes: [0; TILE_CELLS], met: NONE, before: [0; TILE as usize], ends: Vec::new(), surfaces: NONE }
     }
 }
 
-/// Place of a cell in its tile.
+/// Column and row in the tile: the low bits count.
 #[inline]
-const fn place(x: i32, y: i32) -> usize {
-    ((y & (TILE - 1)) << TILE_BITS | (x & (TILE - 1))) as usize
+const fn within(x: i32, y: i32) -> (u32, usize) {
+    ((x & (TILE - 1)) as u32, (y & (TILE - 1)) as usize)
 }
 
 impl Tile {
-    /// A tile of these cells, which are as many as a tile has.
-    #[cfg(feature = "serde")]
-    pub(super) fn from_cells(cells: &[MapCell]) -> Option<Self> {
-        let mut tile = Self { cells: cells.try_into().ok()?, rows: [0; TILE as usize] };
-        for (x, y) in (0..TILE).flat_map(|y| (0..TILE).map(move |x| (x, y))) {
-            tile.mark(x, y);
-        }
-        Some(tile)
-    }
-
-    /// All cells.
-    pub(super) const fn cells(&self) -> &[MapCell; TILE_CELLS] {
-        &self.cells
-    }
-
-    /// The cell at these coordinates, of which the low bits count.
-    #[inline]
-    pub(super) const fn cell(&self, x: i32, y: i32) -> &MapCell {
-        &self.cells[place(x, y)]
-    }
-
     /// Where surfaces are in a row: a bit per column.
     #[inline]
-    pub(super) const fn row(&self, y: i32) -> u32 {
-        self.rows[(y & (TILE - 1)) as usize]
+    pub(super) const fn surfaces(&self, y: i32) -> u32 {
+        self.surfaces[within(0, y).1]
+    }
+
+    /// Log-odds of occupancy of all cells, in units of [`QUANTUM`](agv_core::grid::QUANTUM); none of a cell that no beam has met.
+    pub(super) fn evidence(&self) -> impl Iterator<Item = Option<i32>> + '_ {
+        (0_i32..).zip(&self.passes).map(|(i, &passes)| {
+            let ends = self.ends(i & (TILE - 1), i >> TILE_BITS).map_or(0, |ends| ends.count);
+            (ends > 0 || passes > 0).then(|| evidence(ends, passes))
+        })
+    }
+
+    /// The beams that ended in a cell, if there were any.
+    #[inline]
+    pub(super) fn ends(&self, x: i32, y: i32) -> Option<&Ends> {
+        let (column, row) = within(x, y);
+        (self.met[row] >> column & 1 != 0).then(|| self.ends.get(self.index(column, row)))?
+    }
+
+    /// Place of a cell among those in which beams ended, if it is one.
+    #[inline]
+    fn index(&self, column: u32, row: usize) -> usize {
+        self.before[row] as usize + (self.met[row] & !(u32::MAX << column)).count_ones() as usize
     }
 
     /// A beam passed.
     #[inline]
     pub(super) fn pass(&mut self, x: i32, y: i32) {
-        let cell = &mut self.cells[place(x, y)];
-        cell.pass();
-        if cell.hits > 0 {
-            self.mark(x, y);
+        let (column, row) = within(x, y);
+        let passes = &mut self.passes[row * TILE as usize + column as usize];
+        *passes = passes.saturating_add(1);
+        // A cell without a surface cannot become one by this.
+        if *passes == u16::MAX || self.surfaces[row] >> column & 1 != 0 {
+            self.reconsider(column, row);
         }
     }
 
     /// A beam ended, this far from the cell's lower-left, in cells.
-    pub(super) fn hit(&mut self, x: i32, y: i32, within: &Vector2<f64>) {
-        self.cells[place(x, y)].hit(within);
-        self.mark(x, y);
+    pub(super) fn hit(&mut self, x: i32, y: i32, from_lower_left: &Vector2<f64>) {
+        let (column, row) = within(x, y);
+        let index = self.index(column, row);
+        if self.met[row] >> column & 1 == 0 {
+            self.met[row] |= 1 << column;
+            self.before[row + 1..].iter_mut().for_each(|before| *before += 1);
+            self.ends.insert(index, Ends::default());
+        }
+        if let Some(ends) = self.ends.get_mut(index) {
+            ends.add(from_lower_left);
+        }
+        self.reconsider(column, row);
     }
 
-    /// Sets the normal of a cell's surface.
+    /// Sets the unit normal of a cell's surface, or zero for none.
     pub(super) fn set_normal(&mut self, x: i32, y: i32, normal: &Vector2<f64>) {
-        self.cells[place(x, y)].set_normal(normal);
+        let (column, row) = within(x, y);
+        let index = self.index(column, row);
+        if let Some(ends) = self.ends.get_mut(index) {
+            ends.normal = [normal.x, normal.y].map(|v| (v * UNIT).round() as i16);
+        }
     }
 
-    /// Keeps the bit of a cell true.
-    fn mark(&mut self, x: i32, y: i32) {
-        let bit = 1 << (x & (TILE - 1));
-        let row = &mut self.rows[(y & (TILE - 1)) as usize];
-        *row = if self.cells[place(x, y)].is_surface() { *row | bit } else { *row & !bit };
+    /// Whether there is a surface in a cell, after its counts have changed; where one is full, both are halved.
+    fn reconsider(&mut self, column: u32, row: usize) {
+        let index = self.index(column, row);
+        let met = self.met[row] >> column & 1 != 0;
+        let passes = &mut self.passes[row * TILE as usize + column as usize];
+        let mut none = 0;
+        let ends = self.ends.get_mut(index).filter(|_| met).map_or(&mut none, |ends| &mut ends.count);
+        if *passes == u16::MAX || *ends == u16::MAX {
+            (*passes, *ends) = (*passes / 2, *ends / 2);
+        }
+        let bit = 1 << column;
+        let surfaces = &mut self.surfaces[row];
+        *surfaces = if evidence(*ends, *passes) > 0 { *surfaces | bit } else { *surfaces & !bit };
+    }
+
+    /// Bytes of the tile.
+    pub(super) const fn bytes(&self) -> usize {
+        size_of::<Self>() + self.ends.capacity() * size_of::<Ends>()
+    }
+}
+
+/// A tile as it is stored.
+#[cfg(feature = "serde")]
+#[derive(serde::Serialize, serde::Deserialize)]
+struct RawTile {
+    passes: Vec<u16>,
+    met: Vec<u32>,
+    ends: Vec<Ends>,
+}
+
+#[cfg(feature = "serde")]
+impl From<Tile> for RawTile {
+    fn from(tile: Tile) -> Self {
+        Self { passes: tile.passes.to_vec(), met: tile.met.to_vec(), ends: tile.ends }
+    }
+}
+
+#[cfg(feature = "serde")]
+impl TryFrom<RawTile> for Tile {
+    type Error = agv_core::Error;
+
+    fn try_from(raw: RawTile) -> Result<Self, agv_core::Error> {
+        use agv_core::check;
+
+        let RawTile { passes, met, ends } = raw;
+        check::length("passes", passes.len(), TILE_CELLS)?;
+        check::length("met", met.len(), TILE as usize)?;
+        check::length("ends", ends.len(), met.iter().map(|row| row.count_ones() as usize).sum())?;
+        let mut tile = Self::default();
+        tile.passes.copy_from_slice(&passes);
+        tile.met.copy_from_slice(&met);
+        tile.ends = ends;
+        let mut sum = 0;
+        for (before, row) in tile.before.iter_mut().zip(&tile.met) {
+            *before = sum;
+            sum += row.count_ones() as u16;
+        }
+        for (row, column) in (0..TILE as usize).flat_map(|row| (0..TILE as u32).map(move |column| (row, column))) {
+            tile.reconsider(column, row);
+        }
+        Ok(tile)
     }
 }
 
@@ -178,6 +232,8 @@ impl Tile {
 mod tests {
     use super::*;
     use agv_core::grid::{InverseModel, InverseModelParams};
+    use proptest::prelude::*;
+    use std::collections::BTreeMap;
 
     #[test]
     fn evidence_is_that_of_the_mapping_grid() {
@@ -185,40 +241,57 @@ mod tests {
         assert_eq!((HIT, MISS), (model.hit(), model.free()));
     }
 
-    #[test]
-    fn the_mean_is_that_of_the_ends_and_the_bit_that_of_the_cell() {
-        let mut tile = Tile::default();
-        let ends = [(0.2, 0.9), (0.4, 0.7), (0.3, 0.8), (0.9, 0.1)].map(|(x, y)| Vector2::new(x, y));
-        for end in &ends {
-            tile.hit(33, -1, end);
+    proptest! {
+        /// Against plain tables of counts and sums.
+        #[test]
+        fn counts_and_means_are_those_of_tables(
+            beams in prop::collection::vec((0_i32..32, 28_i32..36, prop::bool::weighted(0.4), 0.0..1.0_f64, 0.0..1.0_f64), 1..300)
+        ) {
+            let (mut tile, mut passes, mut ends) = (Tile::default(), BTreeMap::new(), BTreeMap::new());
+            for &(x, y, hit, u, v) in &beams {
+                // Coordinates of any tile: y from 28 to 35 wraps around.
+                let (place, end) = ((x, y & 31), Vector2::new(u, v));
+                if hit {
+                    tile.hit(x - 64, y, &end);
+                    let (count, sum) = ends.entry(place).or_insert((0, Vector2::zeros()));
+                    (*count, *sum) = (*count + 1, *sum + end);
+                } else {
+                    tile.pass(x - 64, y);
+                    *passes.entry(place).or_insert(0) += 1;
+                }
+            }
+            for (i, found) in (0_i32..).zip(tile.evidence()) {
+                let place = (i & 31, i >> 5);
+                let (count, passed) = (ends.get(&place).map(|e| e.0), passes.get(&place).copied());
+                let sum = count.unwrap_or(0) * HIT + passed.unwrap_or(0) * MISS;
+                prop_assert_eq!(found, (count.is_some() || passed.is_some()).then_some(sum));
+                prop_assert_eq!(tile.surfaces(place.1) >> place.0 & 1 == 1, sum > 0);
+                if let Some((count, sum)) = ends.get(&place) {
+                    let mean = tile.ends(place.0, place.1).unwrap().mean();
+                    prop_assert!((mean - sum / f64::from(*count)).amax() < 1e-4);
+                }
+            }
         }
-        assert!((tile.cell(1, 31).mean() - ends.iter().sum::<Vector2<f64>>() / 4.0).amax() < 1e-4);
-        assert_eq!(tile.row(31), 2);
-        // Seven passing beams outweigh one that ends, nearly: 28 outweigh four.
-        for passes in 0..28 {
-            assert_eq!(tile.row(-1), 2, "{passes}");
-            tile.pass(1, 31);
-        }
-        assert_eq!(tile.row(-1), 0);
-        assert_eq!(tile.cell(1, 31).evidence(), Some(4 * HIT + 28 * MISS));
-        assert_eq!(tile.cell(2, 31).evidence(), None);
     }
 
     #[test]
     fn full_counts_keep_their_share() {
-        let mut cell = MapCell { hits: 20_000, passes: u16::MAX, ..MapCell::default() };
-        cell.pass();
-        assert_eq!((cell.hits, cell.passes), (10_000, 32_768));
-        let mut cell = MapCell { hits: u16::MAX, mean: [100, 65_535], ..MapCell::default() };
-        (0..70_000).for_each(|_| cell.hit(&Vector2::new(0.5, 1.5)));
-        assert!(cell.hits > 30_000 && cell.mean[0].abs_diff(32_768) < 30_000 && cell.mean[1] == 65_535);
+        let mut tile = Tile::default();
+        (0..20_000).for_each(|_| tile.hit(3, 4, &Vector2::new(0.25, 1.5)));
+        (0..u32::from(u16::MAX)).for_each(|_| tile.pass(3, 4));
+        assert_eq!((tile.ends(3, 4).unwrap().count, tile.passes[4 * 32 + 3]), (10_000, 32_767));
+        (0..70_000).for_each(|_| tile.hit(3, 4, &Vector2::new(0.25, 1.5)));
+        let ends = tile.ends(3, 4).unwrap();
+        assert!(ends.count > 30_000 && ends.mean[0].abs_diff(16_384) < 2 && ends.mean[1] == u16::MAX);
     }
 
     #[test]
     fn normals_come_back() {
-        let mut tile = Tile::default();
-        let normal = Vector2::new(0.6, -0.8);
+        let (mut tile, normal) = (Tile::default(), Vector2::new(0.6, -0.8));
+        tile.hit(2, 4, &Vector2::zeros());
+        tile.hit(3, 4, &Vector2::zeros());
         tile.set_normal(3, 4, &normal);
-        assert!((tile.cell(3, 4).normal() - normal).amax() < 1e-4);
+        assert!((tile.ends(3, 4).unwrap().normal() - normal).amax() < 1e-4);
+        assert!(tile.ends(2, 4).unwrap().normal() == Vector2::zeros() && tile.ends(1, 4).is_none());
     }
 }

@@ -75,9 +75,9 @@ impl<'a> View<'a> {
         let (column, mut bits) = ((left & (TILE - 1)) as u32, 0);
         for row in 0..SIDE {
             let at = bottom + row as i32;
-            let mut word = self.tile(left, at).map_or(0, |tile| u64::from(tile.row(at)));
+            let mut word = self.tile(left, at).map_or(0, |tile| u64::from(tile.surfaces(at)));
             if column + SIDE > TILE as u32 {
-                word |= self.tile(left + SIDE as i32, at).map_or(0, |tile| u64::from(tile.row(at))) << TILE;
+                word |= self.tile(left + SIDE as i32, at).map_or(0, |tile| u64::from(tile.surfaces(at))) << TILE;
             }
             bits |= ((word >> column) & ((1 << SIDE) - 1)) << (row * SIDE);
         }
@@ -97,15 +97,14 @@ impl<'a> View<'a> {
             let bit = candidates.trailing_zeros();
             candidates &= candidates - 1;
             let (cx, cy) = (x - AROUND + (bit % SIDE) as i32, y - AROUND + (bit / SIDE) as i32);
-            let Some(tile) = self.tile(cx, cy) else { continue };
-            let cell = tile.cell(cx, cy);
-            let off = place - (Vector2::new(f64::from(cx), f64::from(cy)) + cell.mean());
+            let Some(ends) = self.tile(cx, cy).and_then(|tile| tile.ends(cx, cy)) else { continue };
+            let off = place - (Vector2::new(f64::from(cx), f64::from(cy)) + ends.mean());
             let squared = off.norm_squared();
             if squared < least {
-                (best, least) = (Some((off, cell)), squared);
+                (best, least) = (Some((off, ends)), squared);
             }
         }
-        best.map(|(off, cell)| Surface { off, normal: cell.normal() })
+        best.map(|(off, ends)| Surface { off, normal: ends.normal() })
     }
 
     /// Calls `visit` with the mean of each surface around a cell, in cells.
@@ -115,8 +114,8 @@ impl<'a> View<'a> {
             let bit = bits.trailing_zeros();
             bits &= bits - 1;
             let (cx, cy) = (x - AROUND + (bit % SIDE) as i32, y - AROUND + (bit / SIDE) as i32);
-            if let Some(tile) = self.tile(cx, cy) {
-                visit(Vector2::new(f64::from(cx), f64::from(cy)) + tile.cell(cx, cy).mean());
+            if let Some(ends) = self.tile(cx, cy).and_then(|tile| tile.ends(cx, cy)) {
+                visit(Vector2::new(f64::from(cx), f64::from(cy)) + ends.mean());
             }
         }
     }
