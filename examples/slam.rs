@@ -15,12 +15,16 @@
 //! `map.yaml` and `map.pgm`, which ROS's `map_server` loads, `trajectory.tum` with a pose for each scan, and `map.png`, the map with the
 //! way. It takes some seconds.
 
+#[path = "slam/graph.rs"]
+mod graph;
 #[path = "slam/judge.rs"]
 mod judge;
 #[path = "slam/load.rs"]
 mod load;
 #[path = "slam/methods.rs"]
 mod methods;
+#[path = "slam/particles.rs"]
+mod particles;
 #[path = "slam/pictures.rs"]
 mod pictures;
 

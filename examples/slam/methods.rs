@@ -1,16 +1,14 @@
 //! What makes a map, and how it is run.
 
-use super::{Args, Result, load::Drive};
-use agv_nav::{
-    core::grid::OccupancyThresholds,
-    filters::slam::graph::{GraphSlam, GraphSlamParams, TrackingOutcome},
-    prelude::*,
-};
+use super::{Args, Result, graph::Graph, load::Drive, particles::Particles};
+use agv_nav::prelude::*;
 use agv_support::{cli::Report, log::StampedPose, progress::Progress, timing::Timings};
 
 /// The methods by name.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
 pub(crate) enum Kind {
+    /// A particle filter whose particles have a map each
+    Rbpf,
     /// Key scans in a pose graph
     Graph,
 }
@@ -43,6 +41,7 @@ pub(crate) struct Run {
 /// Takes all scans of the drive.
 pub(crate) fn run(args: &Args, drive: &Drive) -> Result<Run> {
     let mut method: Box<dyn Method> = match args.method {
+        Kind::Rbpf => Box::new(Particles::new(args.common.seed(), args.common.par())?),
         Kind::Graph => Box::new(Graph::new(args.common.par())?),
     };
     let mut timings = Timings::default();
@@ -62,55 +61,4 @@ pub(crate) fn run(args: &Args, drive: &Drive) -> Result<Run> {
         memory: method.memory(),
         figures,
     })
-}
-
-/// Graph SLAM with the library's defaults.
-struct Graph {
-    slam: GraphSlam,
-    closures: usize,
-    /// Scans that were searched for, and scans that were found nowhere near.
-    searched: usize,
-    missed: usize,
-}
-
-impl Graph {
-    fn new(par: Par) -> Result<Self> {
-        let slam = GraphSlam::new(GraphSlamParams::default())?.with_parallelism(par);
-        Ok(Self { slam, closures: 0, searched: 0, missed: 0 })
-    }
-}
-
-impl Method for Graph {
-    fn process(&mut self, scan: &LaserScan, odom_from_base: Option<&Se2>) -> Result<()> {
-        let step = self.slam.process(scan, odom_from_base)?;
-        self.closures += step.closures;
-        self.searched += usize::from(step.outcome == TrackingOutcome::Searched);
-        self.missed += usize::from(step.outcome == TrackingOutcome::DeadReckoning);
-        Ok(())
-    }
-
-    fn finish(&mut self) -> Result<()> {
-        self.slam.correct()?;
-        Ok(())
-    }
-
-    fn map(&self) -> Result<Grid<CellState>> {
-        Ok(self.slam.map()?.states(&OccupancyThresholds::default()))
-    }
-
-    fn trajectory(&self) -> Vec<Se2> {
-        self.slam.trajectory().map(|(_, pose)| pose).collect()
-    }
-
-    fn memory(&self) -> usize {
-        self.slam.memory()
-    }
-
-    fn report(&self, report: &mut Report) {
-        report
-            .count("key_scans", self.slam.keys())
-            .count("closures", self.closures)
-            .count("searched", self.searched)
-            .count("missed", self.missed);
-    }
 }

@@ -126,8 +126,8 @@ impl Default for ClosureParams {
             drift: 0.05,
             neighbours: 6,
             candidates: 3,
-            min_inlier_ratio: 0.7,
-            min_score: 0.6,
+            min_inlier_ratio: 0.6,
+            min_score: 0.45,
             confirmations: 2,
             agreement: PoseSigma { translation: 0.25, rotation: 0.06 },
         }
