@@ -13,7 +13,10 @@ use agv_core::{
 use agv_filters::slam::graph::{GraphSlam, GraphSlamParams};
 use agv_sim::{Laser, LaserParams, Shape, World2d};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
-use std::{f64::consts::{FRAC_PI_2, PI}, hint::black_box};
+use std::{
+    f64::consts::{FRAC_PI_2, PI},
+    hint::black_box,
+};
 
 fn building() -> World2d {
     let mut shapes = Shape::room(Vector2::new(0.0, 0.0), Vector2::new(15.0, 11.0)).to_vec();
@@ -52,7 +55,12 @@ fn graph_slam(c: &mut Criterion) {
         (slam, closures)
     };
     let (mut slam, closures) = map_all();
-    println!("{} scans, {} key scans, {closures} closures, {:.1} kB", steps.len(), slam.keys(), slam.memory() as f64 / 1e3);
+    println!(
+        "{} scans, {} key scans, {closures} closures, {:.1} kB",
+        steps.len(),
+        slam.keys(),
+        slam.memory() as f64 / 1e3
+    );
     assert!(closures > 5);
 
     let mut group = c.benchmark_group("graph_slam");

@@ -51,7 +51,12 @@ pub(crate) fn run(args: &Args, drive: &Drive) -> Result<Run> {
         timings.time(|| method.process(&entry.scan, odometry))?;
     }
     method.finish()?;
-    let way = drive.entries.iter().map(|entry| entry.scan.stamp()).zip(method.trajectory());
+    let poses = method.trajectory();
+    // Before the first scan that says something, the vehicle is where the map begins.
+    let first = poses.first().copied().unwrap_or_default();
+    let missing = drive.entries.len().saturating_sub(poses.len());
+    let poses = std::iter::repeat_n(first, missing).chain(poses);
+    let way = drive.entries.iter().map(|entry| entry.scan.stamp()).zip(poses);
     let mut figures = Report::new("");
     method.report(&mut figures);
     Ok(Run {

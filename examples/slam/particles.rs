@@ -58,6 +58,9 @@ impl Method for Particles {
     }
 
     fn report(&self, report: &mut Report) {
-        report.count("particles", self.slam.weights().len()).count("updates", self.taken).count("resampled", self.resampled);
+        report
+            .count("particles", self.slam.weights().len())
+            .count("updates", self.taken)
+            .count("resampled", self.resampled);
     }
 }

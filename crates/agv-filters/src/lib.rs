@@ -18,9 +18,11 @@
 //! [`graph`] holds poses that relations tie together, and corrects them all where a place is met again ([`graph::PoseGraph`],
 //! [`graph::PoseGraphSolver`]), in the plane and in space.
 //!
-//! [`matching`] tells where a laser scan was taken by other scans or a map: [`matching::CorrelativeMatcher`].
+//! [`matching`] tells where a laser scan was taken by other scans or a map: [`matching::CorrelativeMatcher`] by a search,
+//! [`matching::FieldMatcher`] from a guess.
 //!
-//! [`slam`] makes the map on the way: [`slam::graph::GraphSlam`].
+//! [`slam`] makes the map on the way: [`slam::GraphSlam`] ties scans together in a pose graph, [`slam::Rbpf`] gives each particle of a
+//! filter a map of its own.
 //!
 //! [`tracking`] finds what moves around the vehicle: [`tracking::ObstacleTracker`].
 //!

@@ -180,25 +180,6 @@ impl FieldMatcher {
         Ok(())
     }
 
-    fn sum_up(&self, field: &Grid<f32>, points: &[Vector2<f64>], pose: &Se2) -> Sums {
-        let (mut hessian, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
-        let (mut likelihood, mut inliers) = (0.0, 0);
-        let back = pose.rotation().inverse();
-        // Two standard deviations off.
-        let near = (-2.0_f64).exp();
-        for point in points {
-            let Some((value, slope)) = field.interpolate(&pose.act(point)) else { continue };
-            let value = f64::from(value);
-            let local = back.act(&slope.cast::<f64>());
-            let jacobian = Vector3::new(local.x, local.y, local.y * point.x - local.x * point.y);
-            hessian += jacobian * jacobian.transpose();
-            gradient += jacobian * (1.0 - value);
-            likelihood += value;
-            inliers += usize::from(value >= near);
-        }
-        Sums { hessian, gradient, likelihood, inliers }
-    }
-
     /// Steps on one field; the pose, whether it came to rest, and how many steps that took.
     fn descend(&self, field: &Grid<f32>, points: &[Vector2<f64>], start: &Se2) -> (Se2, bool, usize) {
         let resolution = field.layout().resolution();
@@ -207,7 +188,7 @@ impl FieldMatcher {
         let weight = |s: f64| (self.params.range_sigma / (s * self.params.sigma)).powi(2);
         let damping = Vector3::new(weight(sigma.translation), weight(sigma.translation), weight(sigma.rotation));
         let mut pose = *start;
-        let mut here = self.sum_up(field, points, &pose);
+        let mut here = slope(field, points, &pose);
         for iteration in 0..self.params.max_iterations {
             let Some(factor) = (here.hessian + Matrix3::from_diagonal(&damping)).cholesky() else {
                 return (pose, false, iteration);
@@ -217,7 +198,7 @@ impl FieldMatcher {
             let (mut share, mut best) = (1.0, None);
             for _ in 0..4 {
                 let next = pose.plus(&(step * share));
-                let there = self.sum_up(field, points, &next);
+                let there = slope(field, points, &next);
                 if there.likelihood >= here.likelihood {
                     best = Some((next, there));
                     break;
@@ -234,6 +215,26 @@ impl FieldMatcher {
     }
 }
 
+/// The sums over some points at a pose.
+fn slope(field: &Grid<f32>, points: &[Vector2<f64>], pose: &Se2) -> Sums {
+    let (mut hessian, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
+    let (mut likelihood, mut inliers) = (0.0, 0);
+    let back = pose.rotation().inverse();
+    // Two standard deviations off.
+    let near = (-2.0_f64).exp();
+    for point in points {
+        let Some((value, slope)) = field.interpolate(&pose.act(point)) else { continue };
+        let value = f64::from(value);
+        let local = back.act(&slope.cast::<f64>());
+        let jacobian = Vector3::new(local.x, local.y, local.y * point.x - local.x * point.y);
+        hessian += jacobian * jacobian.transpose();
+        gradient += jacobian * (1.0 - value);
+        likelihood += value;
+        inliers += usize::from(value >= near);
+    }
+    Sums { hessian, gradient, likelihood, inliers }
+}
+
 /// The likelihoods around some points, in cells and deviations `factor` times as wide as the finest.
 fn field(points: &[Vector2<f64>], params: &FieldMatcherParams, factor: f64) -> Result<Grid<f32>, Error> {
     let (resolution, sigma) = (params.resolution * factor, params.sigma * factor);
@@ -247,7 +248,7 @@ fn field(points: &[Vector2<f64>], params: &FieldMatcherParams, factor: f64) -> R
     let layout = GridLayout::new(cells.x as usize, cells.y as usize, resolution, Se2::new(least.x, least.y, 0.0))?;
     let (_, squared) = nearest_points(points, &layout, REACH * sigma);
     let scale = (-0.5 / (sigma * sigma)) as f32;
-    Ok(Grid::new(layout, squared.into_iter().map(|squared| (scale * squared).exp()).collect())?)
+    Grid::new(layout, squared.into_iter().map(|squared| (scale * squared).exp()).collect())
 }
 
 impl ScanMatcher for FieldMatcher {
@@ -289,7 +290,7 @@ impl FieldMatcher {
             (pose, at_rest, steps) = self.descend(field, points, &pose);
             result.iterations += steps;
         }
-        let sums = self.sum_up(finest, points, &pose);
+        let sums = slope(finest, points, &pose);
         result.inlier_ratio = sums.inliers as f64 / points.len() as f64;
         result.score = sums.likelihood / points.len() as f64;
         if sums.inliers < self.params.min_points

@@ -72,7 +72,7 @@ fn the_search_finds_what_trying_all_finds() {
         let points: Vec<_> = scan(&world, &mut laser, &pose).points_in_base().step_by(9).collect();
         let window = SearchWindow { distance: 0.33, angle: 0.15 };
         let found = search(&mut target, &points, &guess, &window, &mut scratch).unwrap();
-        let farthest = points.iter().map(|p| p.norm()).fold(0.0, f64::max);
+        let farthest = points.iter().map(nalgebra::Matrix::norm).fold(0.0, f64::max);
         let turns = (window.angle * farthest / 0.05).ceil() as i32;
         let (mut best, mut tried) = (0, 0);
         for turn in -turns..=turns {

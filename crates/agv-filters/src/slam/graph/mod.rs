@@ -18,9 +18,11 @@
 #[cfg(feature = "serde")]
 mod checkpoint;
 mod closures;
+mod correction;
 mod key_scan;
 mod params;
 mod places;
+mod results;
 mod slam;
 #[cfg(test)]
 mod tests;

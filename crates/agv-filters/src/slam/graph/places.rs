@@ -16,6 +16,9 @@ const HEADING_WORTH: f64 = 2.0;
 /// Key scans that are this near to one that was tried need not be tried, in metres.
 const SPACING: f64 = 2.0;
 
+/// The key scan that a vehicle was found by, if it was.
+type Found = Result<Option<(usize, Alignment<Se2>)>, AlignmentError>;
+
 impl GraphSlam {
     /// Whether the map stays as it is: scans are then matched against the key scans around the vehicle, and none is added.
     pub const fn is_frozen(&self) -> bool {
@@ -77,7 +80,6 @@ impl GraphSlam {
                 closures::look_around(&self.keys, poses, anchors[i], &points, &starts[i], window, &self.params)?;
             Ok(found.map(|found| (anchors[i], found)))
         };
-        type Found = Result<Option<(usize, Alignment<Se2>)>, AlignmentError>;
         let better = |a: Found, b: Found| {
             let (a, b) = (a?, b?);
             let score = |found: &Option<(usize, Alignment<Se2>)>| found.as_ref().map_or(-1.0, |(_, found)| found.score);

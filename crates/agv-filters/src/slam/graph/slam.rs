@@ -14,7 +14,6 @@ use agv_core::{
     Error, check,
     compute::Par,
     geometry::{LieGroup, PoseSigma, Se2},
-    grid::{EvidenceGrid, GridLayout},
     roles::{Alignment, AlignmentError, Termination},
     sensors::LaserScan,
     solve::{LevenbergMarquardtParams, RobustKernel},
@@ -153,13 +152,7 @@ const HERE: SearchWindow = SearchWindow { distance: 0.0, angle: 0.0 };
 const UNKNOWN_MOTION: PoseSigma = PoseSigma { translation: 0.5, rotation: 0.3 };
 
 /// How closures count: their residual's square up to so many standard deviations, and linearly beyond.
-const CLOSURE_KERNEL: RobustKernel = RobustKernel::Huber { scale: 3.0 };
-
-/// Squared residual beyond which a closure contradicts the rest.
-const CONTRADICTION: f64 = 100.0;
-
-/// Way over which closures wait for others that agree, in metres.
-const PATIENCE: f64 = 8.0;
+pub(super) const CLOSURE_KERNEL: RobustKernel = RobustKernel::Huber { scale: 3.0 };
 
 impl GraphSlam {
     /// SLAM without a map, on the calling thread.
@@ -337,62 +330,6 @@ impl GraphSlam {
         self.aim()
     }
 
-    /// Seeks closures of the last key scan; how many are believed.
-    fn close_loops(&mut self) -> Result<usize, AlignmentError> {
-        let params = self.params.closure;
-        let window = params.window_after(self.path - self.tied);
-        let found = closures::find(&self.keys, self.graph.poses(), window, &self.params, self.derived.par)?;
-        let (poses, keys, path) = (self.graph.poses(), &self.keys, self.path);
-        self.pending.retain(|closure| path - keys[closure.to as usize].path <= PATIENCE);
-        let Some(here) = poses.last() else { return Ok(0) };
-        let mut believed = Vec::new();
-        for closure in found {
-            let Some(claim) = closures::claimed(&closure, poses) else { continue };
-            if closures::agree(&claim, here, params.agreement) {
-                believed.push(closure);
-                continue;
-            }
-            let seconds = |other: &Closure| {
-                other.to != closure.to
-                    && closures::claimed(other, poses)
-                        .is_some_and(|other| closures::agree(&claim, &other, params.agreement))
-            };
-            if self.pending.iter().filter(|other| seconds(other)).count() + 1 >= params.confirmations {
-                believed.extend(self.pending.extract_if(.., |other| seconds(other)));
-                believed.push(closure);
-            } else {
-                self.pending.push(closure);
-            }
-        }
-        for Closure { from, to, from_from_to, information } in &believed {
-            let relation = Relation::new(PoseId(*from), PoseId(*to), *from_from_to, *information);
-            self.graph.add_relation(relation.with_kernel(CLOSURE_KERNEL))?;
-            self.tied = path;
-        }
-        Ok(believed.len())
-    }
-
-    /// Moves all poses to where the relations fit best, and takes out closures that contradict the rest; whether it went well.
-    ///
-    /// Closures do this by themselves. Time is that of the pose graph: some milliseconds for a thousand key scans.
-    ///
-    /// # Errors
-    /// [`Error::TooMany`] for a graph that memory has no room for.
-    pub fn correct(&mut self) -> Result<bool, Error> {
-        let mut report = self.derived.solver.optimize(&mut self.graph)?;
-        let poses = self.graph.poses().to_vec();
-        let before = self.graph.relations().len();
-        self.graph.retain_relations(|relation| {
-            let predicted = poses[relation.from.index()].between(&poses[relation.to.index()]);
-            let error = relation.from_from_to.between(&predicted).log();
-            relation.kernel != CLOSURE_KERNEL || (error.transpose() * relation.information * error)[0] <= CONTRADICTION
-        });
-        if self.graph.relations().len() < before {
-            report = self.derived.solver.optimize(&mut self.graph)?;
-        }
-        Ok(report.termination.converged())
-    }
-
     /// Makes the target anew: the last key scans, in the frame of the anchor.
     pub(super) fn aim(&mut self) -> Result<(), AlignmentError> {
         let poses = self.graph.poses();
@@ -404,61 +341,5 @@ impl GraphSlam {
         let aimed = self.derived.front.set_points(&target);
         self.derived.target = target;
         Ok(aimed?)
-    }
-
-    /// Pose of the vehicle in the map, as of the last scan.
-    pub fn map_from_base(&self) -> Se2 {
-        let anchor = self.graph.poses().get(self.anchor as usize).copied().unwrap_or_default();
-        anchor.compose(&self.anchor_from_base)
-    }
-
-    /// Poses of all scans that were taken in, as they are known now, with their stamps; in the order of the scans.
-    pub fn trajectory(&self) -> impl ExactSizeIterator<Item = (Stamp, Se2)> + '_ {
-        let poses = self.graph.poses();
-        self.way.iter().map(move |place| {
-            let key = poses.get(place.key as usize).copied().unwrap_or_default();
-            (place.stamp, key.compose(&place.key_from_base))
-        })
-    }
-
-    /// The map: all key scans from their corrected poses. O(cells that their beams cross).
-    ///
-    /// # Errors
-    /// [`Error::TooMany`] for a map that is larger than a grid may be.
-    pub fn map(&self) -> Result<EvidenceGrid, Error> {
-        let half = 32.0 * self.params.resolution;
-        let layout = GridLayout::new(64, 64, self.params.resolution, Se2::new(-half, -half, 0.0))?;
-        let mut map = EvidenceGrid::new(layout, self.params.inverse_model)?;
-        for (key, pose) in self.keys.iter().zip(self.graph.poses()) {
-            map.insert_scan(&key.scan, pose)?;
-        }
-        Ok(map)
-    }
-
-    /// Its parameters; those of the matcher are [widened](crate::matching::CorrelativeParams::widened_for) for the noise of the first scan.
-    pub const fn params(&self) -> &GraphSlamParams {
-        &self.params
-    }
-
-    /// Poses of the key scans and what relates them.
-    pub const fn graph(&self) -> &PoseGraph<Se2> {
-        &self.graph
-    }
-
-    /// Number of key scans.
-    pub fn keys(&self) -> usize {
-        self.keys.len()
-    }
-
-    /// Bytes of what was kept: key scans, graph and trajectory. Grows with the way in new space and with its length, some 3 kB a key
-    /// scan of 180 beams.
-    pub fn memory(&self) -> usize {
-        let keys: usize = self
-            .keys
-            .iter()
-            .map(|key| size_of::<KeyScan>() + size_of_val(key.points.as_slice()) + size_of_val(key.scan.ranges()))
-            .sum();
-        let graph = size_of_val(self.graph.poses()) + size_of_val(self.graph.relations());
-        keys + graph + size_of_val(self.way.as_slice()) + size_of_val(self.pending.as_slice())
     }
 }
