@@ -262,13 +262,16 @@ impl GraphSlam {
         };
         // Until the first scan that says something, the vehicle is where the map begins.
         self.way.push(Place { stamp: scan.stamp(), key: 0, key_from_base: Se2::default() });
-        if enough {
-            let id = self.graph.add_pose(Se2::default())?;
-            self.params.matcher = self.params.matcher.widened_for(noise(scan));
-            self.derived.front = CorrelativeMatcher::new(self.params.matcher)?;
-            self.keys.push(KeyScan::new(scan.clone(), self.path, self.drive, &self.params));
+        let params = GraphSlamParams { matcher: self.params.matcher.widened_for(noise(scan)), ..self.params };
+        let key = KeyScan::new(scan.clone(), self.path, self.drive, &params);
+        // Wider cells leave fewer points.
+        if enough && key.points.len() >= params.matcher.min_points {
+            self.derived.front = CorrelativeMatcher::new(params.matcher)?;
+            self.params = params;
+            step.key = Some(self.graph.add_pose(Se2::default())?);
+            step.outcome = TrackingOutcome::First;
+            self.keys.push(key);
             self.aim()?;
-            (step.key, step.outcome) = (Some(id), TrackingOutcome::First);
         }
         Ok(step)
     }
