@@ -159,8 +159,8 @@ mod tests {
             same += usize::from(there.is_some_and(|there| (there - log_odds).abs() < 1e-9));
             cells += 1;
         });
-        // A beam whose end is rounded across a line differs by a cell.
-        assert!(cells > 50_000 && same + 4 >= cells, "{same} of {cells}");
+        // The two round the ends of beams at different places: some lie on the other side of a line.
+        assert!(cells > 50_000 && same + 30 >= cells, "{same} of {cells}");
         let known = grid.evidence().iter().filter(|&&evidence| evidence != 0).count();
         assert!(known <= cells && known + 200 > cells, "{known} {cells}");
     }
@@ -178,7 +178,7 @@ mod tests {
                 }
             }
         }
-        assert!(surfaces.len() > 900);
+        assert!(surfaces.len() > 300, "{}", surfaces.len());
         let view = View::new(&map, &TileRect::of_cells((-700, -400), (400, 900)));
         let mut stream = Seed(4).stream(0, 0);
         let (mut met, mut farther) = (0, 0.0_f64);
@@ -194,8 +194,7 @@ mod tests {
                 farther = farther.max(found - least);
             }
         }
-        // Two rings are looked at: what a third could hide is nearer by less than half a cell.
-        assert!(met > 1000 && (0.0..0.5).contains(&farther), "{met} {farther}");
+        assert!(met > 1000 && farther < 1e-12, "{met} {farther}");
     }
 
     #[test]

@@ -232,3 +232,60 @@ fn corner_cell(layout: &GridLayout) -> (i32, i32) {
     let corner = (layout.map_from_grid().translation() / layout.resolution()).map(f64::round);
     (corner.x as i32, corner.y as i32)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector2;
+    use std::collections::HashSet;
+
+    fn bytes(maps: &[&TileMap]) -> usize {
+        let (mut known, mut sum) = (HashSet::new(), 0);
+        for map in maps {
+            map.for_each_part(|address, size| {
+                let is_new = known.insert(address);
+                sum += if is_new { size } else { 0 };
+                is_new
+            });
+        }
+        sum
+    }
+
+    fn hit(map: &mut TileMap, tile: (i32, i32)) {
+        map.tile_mut(tile).hit(3, 4, &Vector2::new(0.5, 0.5));
+    }
+
+    #[test]
+    fn copies_share_what_neither_changes() {
+        let mut map = TileMap::new(0.05);
+        let places: Vec<_> = (-40..40).flat_map(|x| (-3..20).map(move |y| (x, y))).collect();
+        places.iter().for_each(|&place| hit(&mut map, place));
+        assert!(map.tiles().map(|(place, _)| place).collect::<HashSet<_>>() == places.iter().copied().collect());
+        let alone = bytes(&[&map]);
+        assert!(alone > places.len() * 2048);
+        let mut copy = map.clone();
+        assert_eq!(bytes(&[&map, &copy]), alone);
+        hit(&mut copy, (5, 5));
+        let (tile, tables) = (copy.tile((5, 5)).unwrap().bytes(), size_of::<Region>() + size_of::<Sheet>());
+        let regions = copy.sheet.regions.len() * size_of::<usize>();
+        assert_eq!(bytes(&[&map, &copy]), alone + tile + tables + regions);
+        // The one that was copied has not changed, and growing to any side moves nothing.
+        assert_eq!(map.tile((5, 5)), map.tile((4, 4)));
+        assert_ne!(copy.tile((5, 5)), map.tile((5, 5)));
+        hit(&mut copy, (-400, 300));
+        assert!(places.iter().filter(|&&place| place != (5, 5)).all(|&place| copy.tile(place) == map.tile(place)));
+        assert_eq!((copy.tile((-400, 300)), map.tile((-400, 300))), (map.tile((0, 0)), None));
+        assert_eq!(copy.layout().unwrap().width(), 440 * 32);
+    }
+
+    #[test]
+    fn maps_that_are_absurdly_wide_are_refused() {
+        let mut map = TileMap::new(0.05);
+        assert_eq!(map.layout(), Err(Error::Empty { name: "map" }));
+        hit(&mut map, (0, 0));
+        let far = |x, y| map.check_room(&TileRect { low: (x, y), high: (x, y) });
+        assert_eq!((far(1 << 20, 0), far(0, -(1 << 20))), (Ok(()), Ok(())));
+        assert!(matches!(far(1 << 20, 1 << 20), Err(Error::TooMany { .. })));
+        assert!(matches!(far(i32::MIN, i32::MAX), Err(Error::TooMany { .. })));
+    }
+}

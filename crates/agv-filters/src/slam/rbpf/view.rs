@@ -32,6 +32,9 @@ pub(super) struct View<'a> {
 /// Cells by their distance from the middle: bits of those equally near, nearest first.
 const RINGS: [u64; 10] = rings();
 
+/// Least squared distance of points in the two cells, for each ring.
+const NEAREST: [f64; 10] = [0.0, 0.0, 0.0, 1.0, 1.0, 2.0, 4.0, 4.0, 5.0, 8.0];
+
 const fn rings() -> [u64; 10] {
     let squares = [0, 1, 2, 4, 5, 8, 9, 10, 13, 18];
     let mut rings = [0; 10];
@@ -89,19 +92,26 @@ impl<'a> View<'a> {
     pub(super) fn nearest(&self, place: &Vector2<f64>) -> Option<Surface> {
         let (x, y) = (place.x.floor() as i32, place.y.floor() as i32);
         let bits = self.bits(x, y);
-        let first = RINGS.iter().position(|ring| bits & ring != 0)?;
-        // A mean may lie anywhere in its cell: the next ring may hold one that is nearer.
-        let mut candidates = bits & (RINGS[first] | RINGS.get(first + 1).copied().unwrap_or(0));
+        if bits == 0 {
+            return None;
+        }
         let (mut best, mut least) = (None, f64::INFINITY);
-        while candidates != 0 {
-            let bit = candidates.trailing_zeros();
-            candidates &= candidates - 1;
-            let (cx, cy) = (x - AROUND + (bit % SIDE) as i32, y - AROUND + (bit / SIDE) as i32);
-            let Some(ends) = self.tile(cx, cy).and_then(|tile| tile.ends(cx, cy)) else { continue };
-            let off = place - (Vector2::new(f64::from(cx), f64::from(cy)) + ends.mean());
-            let squared = off.norm_squared();
-            if squared < least {
-                (best, least) = (Some((off, ends)), squared);
+        for (ring, nearest) in RINGS.iter().zip(NEAREST) {
+            // Place and mean may lie anywhere in their cells.
+            if least <= nearest {
+                break;
+            }
+            let mut candidates = bits & ring;
+            while candidates != 0 {
+                let bit = candidates.trailing_zeros();
+                candidates &= candidates - 1;
+                let (cx, cy) = (x - AROUND + (bit % SIDE) as i32, y - AROUND + (bit / SIDE) as i32);
+                let Some(ends) = self.tile(cx, cy).and_then(|tile| tile.ends(cx, cy)) else { continue };
+                let off = place - (Vector2::new(f64::from(cx), f64::from(cy)) + ends.mean());
+                let squared = off.norm_squared();
+                if squared < least {
+                    (best, least) = (Some((off, ends)), squared);
+                }
             }
         }
         best.map(|(off, ends)| Surface { off, normal: ends.normal() })
