@@ -13,6 +13,7 @@ mod mapping;
 mod navigation;
 mod particle_models;
 mod planning;
+mod registration;
 #[path = "../scenes/mod.rs"]
 mod scenes;
 mod seeing;

@@ -2,6 +2,7 @@
 //!
 //! A type is added by a line in the table of its subject.
 
+mod clouds;
 mod frames;
 mod gaussian;
 mod grids;

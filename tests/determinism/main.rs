@@ -10,6 +10,7 @@ mod local_planning;
 mod localization;
 mod particle_models;
 mod planning;
+mod registration;
 mod sensing;
 mod threads;
 mod tuning;

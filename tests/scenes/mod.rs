@@ -1,6 +1,7 @@
 //! Small worlds that the acceptance tests share.
 #![allow(dead_code, reason = "each test binary uses its part")]
 
+pub(crate) mod clouds;
 pub(crate) mod equipped;
 pub(crate) mod kalman;
 pub(crate) mod models;

@@ -1,6 +1,56 @@
-//! 3D: preprocessing, registration, odometry, mapping, and conversion to 2D.
+//! 3D: preprocessing, registration, and conversion to 2D.
+//!
+//! # Overview
+//! Where was this cloud taken, given another one or a map? [`ndt`] answers with normal distributions in voxels, [`gicp`] with pairs of
+//! points; both play the role [`Registration`](agv_core::roles::Registration) and are made of the parts in [`registration`].
+//! [`preprocess`] finds neighbours and normals, [`convert`] makes laser scans of clouds.
+//!
+//! | users have | take |
+//! |---|---|
+//! | a map, or clouds that are far apart | [`ndt::NdtRegistration`]: fastest, and finds the pose from metres away |
+//! | two thin clouds, and a guess within half a metre | [`gicp::PointRegistration`]: a point per 0.25 m of the target is enough |
+//! | a vehicle on an even floor | either with [`registration::Freedom::Planar`] |
+//! | a map of many vehicles' clouds | [`ndt::NdtMap`], which merges in any order to the same bits |
+//!
+//! # Usage
+//! ```
+//! use agv_core::{geometry::Se3, nalgebra::Vector3, roles::Registration, sensors::{PointCloud, VoxelGrid}};
+//! use agv_ndt::ndt::{NdtParams, NdtRegistration};
+//!
+//! # let wall = |i: i32| [Vector3::new((i % 60) as f32, 0.0, (i / 60) as f32), Vector3::new(0.0, (i % 60) as f32, (i / 60) as f32), Vector3::new((i % 60) as f32, (i / 60) as f32, 0.0)];
+//! # let target = PointCloud::from_points((0..3600).flat_map(wall).map(|p| p * 0.1));
+//! # let source = target.clone();
+//! let mut thinned = PointCloud::default();
+//! VoxelGrid::new(0.25)?.filter_into(&source, &mut thinned);
+//!
+//! let mut ndt = NdtRegistration::new(NdtParams::default())?;
+//! ndt.set_target(&target)?;
+//! let found = ndt.align(&thinned, &Se3::default())?;
+//! if found.converged() {
+//!     println!("{:?}, {:.0} % inliers", found.target_from_source, 100.0 * found.inlier_ratio);
+//! }
+//! # assert!(found.converged());
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+//!
+//! # Conventions
+//! Those of `agv-core`: poses are `target_from_source`, increments and information are in the source frame, points are `f32`, sums `f64`.
+//! What can happen to correct callers (no overlap, a corridor, a false optimum) is a
+//! [`Termination`](agv_core::roles::Termination) in the result.
 #![forbid(unsafe_code)]
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 pub mod convert;
+mod eigen;
+mod error;
+pub mod gicp;
+pub mod ndt;
+pub mod preprocess;
+pub mod registration;
+#[cfg(test)]
+mod scenes;
+
+pub use error::Error;
+
+use agv_core::sensors::cells;

@@ -14,6 +14,7 @@
 //! | trajectories: TUM, KITTI | [`trajectory`] |
 //! | Kümmerle's relations | [`relations`] |
 //! | pose graphs of g2o, and generated ones | [`g2o`], [`graphs`] |
+//! | reference poses of pairs of clouds | [`pairs`] |
 //! | worlds for local planners: BARN, `DynaBARN`, MRPB | [`localplan`] |
 //! | clouds: PLY, PCD, KITTI and raw binary | [`cloud`] |
 //!
@@ -34,6 +35,7 @@ pub mod log;
 pub mod map;
 pub mod movingai;
 pub mod mrclam;
+pub mod pairs;
 pub mod plot;
 pub mod progress;
 pub mod relations;

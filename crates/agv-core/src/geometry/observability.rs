@@ -45,13 +45,26 @@ impl PoseSigma {
     /// Eigenvalues of `S Λ S`, and the directions `S v` that belong to them.
     fn spectrum<G: LieGroup>(self, information: &G::Matrix) -> Result<(G::Tangent, G::Matrix), Error> {
         self.checked()?;
-        G::check_covariance("information", information)?;
+        check::all_finite("information", G::matrix_slice(information))?;
         let scale = diagonal::<G>(|entry| self.of_entry::<G>(entry));
-        let (values, vectors) = G::symmetric_eigen(&(scale * *information * scale))
-            .ok_or(Error::NotFinite { name: "information", value: f64::INFINITY })?;
+        let scaled = scale * *information * scale;
+        let (values, vectors) =
+            G::symmetric_eigen(&scaled).ok_or(Error::NotFinite { name: "information", value: f64::INFINITY })?;
+        // Against the greatest eigenvalue: what was projected out of a large information leaves its rounding behind.
+        let (least, greatest) = G::tangent_slice(&values)
+            .iter()
+            .fold((0.0_f64, 0.0_f64), |(least, greatest), v| (least.min(*v), greatest.max(*v)));
+        let skew = scaled - G::transpose(&scaled);
+        let asymmetry = G::matrix_slice(&skew).iter().fold(0.0_f64, |most, v| most.max(v.abs()));
+        if least < -ROUNDING * greatest || asymmetry > ROUNDING * greatest {
+            return Err(Error::NotCovariance { name: "information", pivot: least.min(-asymmetry) });
+        }
         Ok((values, scale * vectors))
     }
 }
+
+/// Rounding that an information may carry, relative to its greatest eigenvalue.
+const ROUNDING: f64 = 1e-9;
 
 /// A diagonal tangent-space matrix.
 fn diagonal<G: LieGroup>(entry: impl Fn(usize) -> f64) -> G::Matrix {
@@ -193,6 +206,17 @@ mod tests {
         let projector = unobserved_directions::<Se2>(&information, PoseSigma::default()).unwrap();
         let circling = Vector3::new(0.0, -3.0, 1.0).normalize();
         assert!((projector - circling * circling.transpose()).norm() < 1e-9, "{projector}");
+    }
+
+    /// A sharp match of many points, one direction of which was projected out: what is left of it is rounding, of either sign.
+    #[test]
+    fn rounding_of_a_large_information_is_none() {
+        let direction = Vector6::new(0.99, 0.01, -0.02, 0.003, -0.001, 0.004).normalize();
+        let root = Matrix6::from_fn(|i, j| f64::from(u8::from(i == j)) * 1e5 + 3e4 * ((i * 7 + j) as f64).sin());
+        let projector = direction * direction.transpose();
+        let observed = observed_information::<Se3>(&(root * root.transpose()), &projector);
+        let covariance = bounded_covariance::<Se3>(&observed, PoseSigma { translation: 10.0, rotation: 10.0 }).unwrap();
+        assert!((direction.dot(&(covariance * direction)) - 100.0).abs() < 1.0, "{covariance}");
     }
 
     #[test]

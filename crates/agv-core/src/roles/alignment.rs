@@ -20,6 +20,8 @@ pub enum Termination {
     TooFewPoints,
     /// The points leave directions free, and nothing was there to hold them.
     Degenerate,
+    /// The search came to rest, but the target explains too little of the source: most likely a false optimum.
+    PoorFit,
 }
 
 /// How a source fits a target, in the plane ([`Se2`](crate::geometry::Se2)) or in space ([`Se3`](crate::geometry::Se3)).

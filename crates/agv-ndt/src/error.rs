@@ -1,0 +1,31 @@
+//! The crate's one error type.
+
+/// Why a value was refused.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum Error {
+    /// A value that the core refuses.
+    #[error(transparent)]
+    Core(#[from] agv_core::Error),
+    /// Two maps that are to be combined were made with different parameters.
+    #[error("maps differ in {name}: {left} and {right}")]
+    MapMismatch {
+        /// What differs.
+        name: &'static str,
+        /// Its value in the first map.
+        left: f64,
+        /// Its value in the second map.
+        right: f64,
+    },
+}
+
+impl From<Error> for agv_core::roles::AlignmentError {
+    fn from(error: Error) -> Self {
+        match error {
+            Error::Core(error) => Self::Invalid(error),
+            Error::MapMismatch { name, left, right } => {
+                Self::Invalid(agv_core::Error::LayoutMismatch { name, left, right })
+            }
+        }
+    }
+}

@@ -1,0 +1,75 @@
+//! What a registration of points may be told.
+
+use crate::preprocess::NormalParams;
+use crate::registration::{DescentParams, Freedom};
+use agv_core::{Error, check};
+
+/// How the distance of a pair of points is weighed.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub enum PointMetric {
+    /// To the plane of the target's point (Chen and Medioni 1992).
+    PointToPlane,
+    /// Plane to plane: both points are flat distributions (Segal, Haehnel and Thrun, *Generalized-ICP*, 2009).
+    #[default]
+    Generalized,
+    /// As [`Generalized`](Self::Generalized), with the mean of the target's points and distributions in the voxel that the source's
+    /// point falls into: no search for the nearest (Koide et al., *Voxelized GICP*, 2021).
+    Voxelized,
+}
+
+/// Parameters of [`PointRegistration`](super::PointRegistration).
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub struct PointParams {
+    /// How pairs are weighed.
+    pub metric: PointMetric,
+    /// Distance beyond which points are no pair, in metres.
+    pub max_distance: f32,
+    /// Edge of the voxels of [`PointMetric::Voxelized`], in metres.
+    pub resolution: f64,
+    /// How normals are found.
+    pub normals: NormalParams,
+    /// What of the pose may change.
+    pub freedom: Freedom,
+    /// When to stop.
+    pub descent: DescentParams,
+    /// Distance up to which a pair is an inlier, in metres: from the target's plane, or from the source's where the metric is
+    /// [`Voxelized`](PointMetric::Voxelized); between the points where that has no normal.
+    pub inlier_distance: f64,
+    /// Share of inliers below which a result is [`PoorFit`](agv_core::roles::Termination::PoorFit).
+    pub min_inlier_ratio: f64,
+    /// Share of the points that must face a direction for it to be observed.
+    pub min_facing_share: f64,
+}
+
+impl Default for PointParams {
+    /// Generalized ICP with pairs of up to 1 m and voxels of 1 m, as `small_gicp` has them.
+    fn default() -> Self {
+        Self {
+            metric: PointMetric::Generalized,
+            max_distance: 1.0,
+            resolution: 1.0,
+            normals: NormalParams::default(),
+            freedom: Freedom::Full,
+            descent: DescentParams::default(),
+            inlier_distance: 0.1,
+            min_inlier_ratio: 0.5,
+            min_facing_share: 0.01,
+        }
+    }
+}
+
+impl PointParams {
+    pub(super) fn validate(&self) -> Result<(), Error> {
+        self.normals.validate()?;
+        self.descent.validate()?;
+        check::positive("max_distance", f64::from(self.max_distance))?;
+        check::in_range("resolution", self.resolution, 0.01, 1000.0)?;
+        check::positive("inlier_distance", self.inlier_distance)?;
+        check::in_range("min_inlier_ratio", self.min_inlier_ratio, 0.0, 1.0)?;
+        check::positive("min_facing_share", self.min_facing_share)?;
+        check::in_range("min_facing_share", self.min_facing_share, 0.0, 1.0)?;
+        Ok(())
+    }
+}

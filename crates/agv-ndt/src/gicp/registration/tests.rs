@@ -1,0 +1,125 @@
+use super::*;
+use crate::registration::Freedom;
+use crate::scenes::{ROOM, cloud, sheets};
+use agv_core::geometry::{PoseSigma, So3};
+use agv_core::roles::laws;
+use agv_core::sensors::PointCloud;
+use nalgebra::Vector3;
+
+const METRICS: [PointMetric; 3] = [PointMetric::PointToPlane, PointMetric::Generalized, PointMetric::Voxelized];
+
+fn truth() -> Se3 {
+    Se3::from_parts(Vector3::new(0.2, -0.15, 0.05), So3::from_roll_pitch_yaw(0.01, -0.02, 0.06))
+}
+
+fn room(truth: &Se3) -> (PointCloud, PointCloud) {
+    (cloud(&sheets(&ROOM, 16.0, 1), &Se3::identity()), cloud(&sheets(&ROOM, 12.0, 2), truth))
+}
+
+fn registration(metric: PointMetric) -> PointRegistration {
+    PointRegistration::new(PointParams { metric, ..PointParams::default() }).unwrap()
+}
+
+#[test]
+fn every_metric_keeps_the_laws_and_finds_the_pose() {
+    let (target, source) = room(&truth());
+    for metric in METRICS {
+        laws::registration(&mut registration(metric), &target, &source, &Se3::identity()).unwrap();
+        let mut icp = registration(metric);
+        icp.set_target(&target).unwrap();
+        let found = icp.align(&source, &Se3::identity()).unwrap();
+        let error = found.target_from_source.minus(&truth());
+        assert!(found.converged(), "{metric:?} {found:?}");
+        assert!(
+            error.fixed_rows::<3>(0).norm() < 0.02 && error.fixed_rows::<3>(3).norm() < 0.004,
+            "{metric:?} {error}"
+        );
+        let mut parallel = registration(metric).with_parallelism(Par::threads(3));
+        parallel.set_target(&target).unwrap();
+        assert_eq!(parallel.align(&source, &Se3::identity()).unwrap(), found, "{metric:?}");
+    }
+}
+
+#[test]
+fn a_single_wall_is_degenerate_and_the_plane_holds_the_rest() {
+    let wall = cloud(&sheets(&ROOM[1..2], 20.0, 1), &Se3::identity());
+    let seen = cloud(&sheets(&ROOM[1..2], 12.0, 2), &Se3::from_parts(Vector3::y() * 0.1, So3::default()));
+    for metric in METRICS {
+        let mut icp = registration(metric);
+        icp.set_target(&wall).unwrap();
+        let found = icp.align(&seen, &Se3::identity()).unwrap();
+        assert!(!found.converged(), "{metric:?} {found:?}");
+        assert!((found.unobserved.trace() - 3.0).abs() < 1e-6, "{metric:?} {}", found.unobserved);
+        assert!(found.covariance(PoseSigma::default()).unwrap()[(0, 0)] > 0.9, "{metric:?}");
+        assert!((found.target_from_source.translation().y - 0.1).abs() < 0.02, "{metric:?}");
+    }
+    let pose = Se3::from_parts(Vector3::new(0.2, -0.1, 0.0), So3::from_roll_pitch_yaw(0.0, 0.0, 0.05));
+    let (target, source) = room(&pose);
+    let params = PointParams { freedom: Freedom::Planar, ..PointParams::default() };
+    let mut icp = PointRegistration::new(params).unwrap();
+    icp.set_target(&target).unwrap();
+    let found = icp.align(&source, &Se3::from_parts(Vector3::z() * 0.02, So3::default())).unwrap();
+    assert!((found.target_from_source.translation() - Vector3::new(0.2, -0.1, 0.02)).norm() < 0.02, "{found:?}");
+}
+
+/// Points too far apart for normals, and each off by 70 cm in a way that no pose mends.
+#[test]
+fn pairs_without_normals_are_inliers_by_their_distance() {
+    let grid = (0..25).map(|i| Vector3::new(5.0 * f64::from(i % 5), 5.0 * f64::from(i / 5), f64::from(i * 7 % 5)));
+    let grid: Vec<_> = grid.map(|p| p + Vector3::repeat(0.5)).collect();
+    let sign = |odd: usize| if odd.is_multiple_of(2) { 0.45 } else { -0.45 };
+    let off: Vec<_> = grid.iter().enumerate().map(|(i, p)| p + Vector3::new(sign(i), sign(i / 2), 0.0)).collect();
+    for metric in METRICS {
+        let mut icp = registration(metric);
+        icp.set_target(&cloud(&grid, &Se3::identity())).unwrap();
+        let found = icp.align(&cloud(&off, &Se3::identity()), &Se3::identity()).unwrap();
+        assert!(found.inlier_ratio < 0.3 && !found.converged(), "{metric:?} {found:?}");
+    }
+}
+
+#[test]
+fn hopeless_sources_and_targets_are_outcomes() {
+    let (target, source) = room(&truth());
+    let far = Se3::from_parts(Vector3::new(1e7, -1e9, 1e5), So3::default());
+    let line: Vec<_> = (0..300).map(|i| Vector3::new(0.02 * f64::from(i), 0.3, 0.3)).collect();
+    for metric in METRICS {
+        let mut icp = registration(metric);
+        for hopeless in [vec![], vec![Vector3::zeros(); 3], vec![Vector3::repeat(f64::NAN); 30]] {
+            assert!(icp.set_target(&cloud(&hopeless, &Se3::identity())).is_err());
+        }
+        for points in [vec![Vector3::new(1.0, 1.0, -1.0)], vec![Vector3::new(0.2, 0.3, 0.4); 100], line.clone()] {
+            let points = cloud(&points, &Se3::identity());
+            for target in [&target, &points] {
+                if icp.set_target(target).is_ok() {
+                    for (source, guess) in [(&points, Se3::identity()), (&source, Se3::identity()), (&source, far)] {
+                        let found = icp.align(source, &guess).unwrap();
+                        assert!(
+                            found.target_from_source.is_finite() && found.score.is_finite(),
+                            "{metric:?}: {found:?}"
+                        );
+                        assert!(found.covariance(PoseSigma::default()).is_ok(), "{metric:?}: {found:?}");
+                        assert!(
+                            !found.converged() || target.len() > 1000 && source.len() > 1000,
+                            "{metric:?}: {found:?}"
+                        );
+                    }
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn bad_parameters_are_named() {
+    let good = PointParams::default();
+    for bad in [
+        PointParams { max_distance: 0.0, ..good },
+        PointParams { max_distance: f32::NAN, ..good },
+        PointParams { resolution: 0.0, ..good },
+        PointParams { inlier_distance: -1.0, ..good },
+        PointParams { min_inlier_ratio: 2.0, ..good },
+        PointParams { min_facing_share: 0.0, ..good },
+    ] {
+        assert!(PointRegistration::new(bad).is_err(), "{bad:?}");
+    }
+}

@@ -1,0 +1,18 @@
+//! The normal distributions transform.
+
+mod fit;
+mod gaussian;
+mod kernel;
+mod level;
+mod map;
+mod mixture;
+mod objective;
+mod params;
+mod registration;
+mod search;
+
+pub use gaussian::{Gaussian3, VoxelParams, VoxelSums};
+pub use map::NdtMap;
+pub use params::NdtParams;
+pub use registration::{NdtRegistration, NdtReport};
+pub use search::VoxelSearch;

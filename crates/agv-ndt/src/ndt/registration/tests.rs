@@ -1,0 +1,205 @@
+use super::super::search::VoxelSearch;
+use super::*;
+use crate::registration::Freedom;
+use crate::scenes::{CORRIDOR, PARALLEL, ROOM, cloud, scatter, sheets};
+use agv_core::geometry::{PoseSigma, So3};
+use agv_core::roles::laws;
+use agv_core::sensors::PointCloud;
+use nalgebra::{Vector3, Vector6};
+
+fn room(truth: &Se3) -> (PointCloud, PointCloud) {
+    (cloud(&sheets(&ROOM, 80.0, 1), &Se3::identity()), cloud(&sheets(&ROOM, 12.0, 2), truth))
+}
+
+fn truth() -> Se3 {
+    Se3::from_parts(Vector3::new(0.4, -0.3, 0.05), So3::from_roll_pitch_yaw(0.01, -0.02, 0.12))
+}
+
+fn aligned(params: NdtParams, target: &PointCloud, source: &PointCloud, guess: &Se3) -> Alignment<Se3> {
+    let mut ndt = NdtRegistration::new(params).unwrap();
+    ndt.set_target(target).unwrap();
+    ndt.align(source, guess).unwrap()
+}
+
+#[test]
+fn the_laws_of_a_registration_hold() {
+    let (target, source) = room(&truth());
+    let mut ndt = NdtRegistration::new(NdtParams::default()).unwrap();
+    laws::registration(&mut ndt, &target, &source, &Se3::identity()).unwrap();
+}
+
+#[test]
+fn every_search_and_optimizer_finds_the_pose() {
+    let (target, source) = room(&truth());
+    let all =
+        [VoxelSearch::Direct1, VoxelSearch::Direct7, VoxelSearch::Direct8, VoxelSearch::Direct27, VoxelSearch::Radius];
+    for search in all {
+        for optimizer in [Optimizer::TrustRegion, Optimizer::LineSearch] {
+            let params = NdtParams { search, optimizer, ..NdtParams::default() };
+            let found = aligned(params, &target, &source, &Se3::identity());
+            let error = found.target_from_source.minus(&truth());
+            assert!(found.converged(), "{search:?} {optimizer:?}: {found:?}");
+            assert!(error.fixed_rows::<3>(0).norm() < 0.02, "{search:?} {optimizer:?}: {error}");
+            assert!(error.fixed_rows::<3>(3).norm() < 0.004, "{search:?} {optimizer:?}: {error}");
+            assert!(found.inlier_ratio > 0.7 && found.unobserved.norm() < 1e-9, "{found:?}");
+        }
+    }
+}
+
+#[test]
+fn threads_change_no_bit() {
+    let (target, source) = room(&truth());
+    let align = |par| {
+        let mut ndt = NdtRegistration::new(NdtParams::default()).unwrap().with_parallelism(par);
+        ndt.set_target(&target).unwrap();
+        let first = ndt.align(&source, &Se3::identity()).unwrap();
+        // What an earlier call left in the buffers does not matter either.
+        ndt.align(&target, &truth()).unwrap();
+        assert_eq!(ndt.align(&source, &Se3::identity()).unwrap(), first);
+        first
+    };
+    let expected = align(Par::Seq);
+    for threads in [2, 3, 7] {
+        assert_eq!(align(Par::threads(threads)), expected, "{threads}");
+    }
+}
+
+#[test]
+fn a_map_of_many_clouds_is_a_target() {
+    let (target, source) = room(&truth());
+    let (half, other) = (truth().inverse(), sheets(&ROOM, 40.0, 5));
+    let mut map = NdtMap::new(VoxelParams::default()).unwrap();
+    map.insert(&cloud(&other, &half), &half);
+    map.insert(&target, &Se3::identity());
+    let mut ndt = NdtRegistration::new(NdtParams::default()).unwrap();
+    ndt.set_map(&map).unwrap();
+    assert_eq!(ndt.map(), &map);
+    let found = ndt.align(&source, &Se3::identity()).unwrap();
+    assert!(found.converged() && found.target_from_source.minus(&truth()).norm() < 0.02, "{found:?}");
+    let report = ndt.report();
+    assert!(report.nearest_likelihood > 0.5 && report.matched_ratio > 0.95, "{report:?}");
+    let coarse = NdtMap::new(VoxelParams { resolution: 2.0, ..VoxelParams::default() }).unwrap();
+    assert!(matches!(ndt.set_map(&coarse), Err(Error::MapMismatch { .. })));
+    assert_eq!(ndt.align(&source, &Se3::identity()).unwrap(), found);
+}
+
+#[test]
+fn in_the_plane_height_roll_and_pitch_are_the_guess() {
+    let pose = Se3::from_parts(Vector3::new(0.4, -0.3, 0.0), So3::from_roll_pitch_yaw(0.0, 0.0, 0.12));
+    let (target, source) = room(&pose);
+    let params = NdtParams { freedom: Freedom::Planar, ..NdtParams::default() };
+    let guess = Se3::from_parts(Vector3::new(0.0, 0.0, 0.03), So3::default());
+    let found = aligned(params, &target, &source, &guess);
+    let (roll, pitch, yaw) = found.target_from_source.rotation().roll_pitch_yaw();
+    assert!(found.converged(), "{found:?}");
+    assert!(roll.abs() < 1e-9 && pitch.abs() < 1e-9 && (found.target_from_source.translation().z - 0.03).abs() < 1e-9);
+    assert!(
+        (yaw - 0.12).abs() < 0.004
+            && (found.target_from_source.translation().xy() - pose.translation().xy()).norm() < 0.02
+    );
+    assert!((found.unobserved.trace() - 3.0).abs() < 1e-9 && (found.information * Vector6::ith(2, 1.0)).norm() < 1e-6);
+}
+
+#[test]
+fn a_corridor_hides_its_axis_and_the_pose_keeps_it_on_request() {
+    let pose = Se3::from_parts(Vector3::new(0.0, 0.2, 0.05), So3::from_roll_pitch_yaw(0.0, 0.0, 0.08));
+    let near = |points: Vec<Vector3<f64>>, reach: f64| -> Vec<_> {
+        points.into_iter().filter(|p| p.x.abs() < reach).collect()
+    };
+    let target = cloud(&near(sheets(&CORRIDOR, 60.0, 1), 40.0), &Se3::identity());
+    let source = cloud(&near(sheets(&CORRIDOR, 10.0, 2), 25.0), &pose);
+    let guess = Se3::from_parts(Vector3::new(0.3, 0.0, 0.0), So3::default());
+    let along = guess.rotation().inverse().act(&Vector3::x());
+    for hold_unobserved in [false, true] {
+        let found = aligned(NdtParams { hold_unobserved, ..NdtParams::default() }, &target, &source, &guess);
+        let moved = found.target_from_source.translation();
+        assert!((moved - Vector3::new(moved.x, 0.2, 0.05)).norm() < 0.02, "{moved}");
+        let axis = Vector6::new(along.x, along.y, along.z, 0.0, 0.0, 0.0);
+        assert!((found.unobserved.trace() - 1.0).abs() < 1e-6, "{}", found.unobserved);
+        assert!((found.unobserved * axis).norm() > 0.98, "{}", found.unobserved);
+        let covariance = found.covariance(PoseSigma { translation: 10.0, rotation: 1.0 }).unwrap();
+        assert!(axis.dot(&(covariance * axis)) > 90.0, "{covariance}");
+        assert!(covariance[(1, 1)] < 1.0, "{covariance}");
+        let termination = if hold_unobserved { Termination::Converged } else { Termination::Degenerate };
+        assert_eq!(found.termination, termination);
+        assert!(!hold_unobserved || (moved.x - 0.3).abs() < 0.03, "{moved}");
+    }
+}
+
+#[test]
+fn a_wrong_place_is_a_poor_fit() {
+    let (target, source) = room(&truth());
+    for guess in [(30.0, 0.0, 0.0), (0.0, 7.0, 0.0), (6.0, -4.0, 0.8), (-5.0, 3.0, -0.6)] {
+        let guess = Se3::from_parts(Vector3::new(guess.0, guess.1, 0.0), So3::from_roll_pitch_yaw(0.0, 0.0, guess.2));
+        let found = aligned(NdtParams::default(), &target, &source, &guess);
+        let right = found.target_from_source.minus(&truth()).norm() < 0.05;
+        assert!(right || !found.converged(), "{found:?}");
+        assert!(found.target_from_source.is_finite());
+    }
+}
+
+/// ... also where directions are free: those of a wrong fit mean nothing.
+#[test]
+fn a_poor_fit_is_not_taken_for_a_degenerate_one() {
+    let wall = cloud(&sheets(&PARALLEL[..1], 60.0, 1), &Se3::identity());
+    let found =
+        aligned(NdtParams::default(), &wall, &cloud(&sheets(&PARALLEL, 15.0, 2), &Se3::identity()), &Se3::identity());
+    assert!(found.inlier_ratio < 0.5 && found.unobserved.trace() > 0.5, "{found:?}");
+    assert_eq!(found.termination, Termination::PoorFit, "{found:?}");
+}
+
+/// Whatever comes in, an outcome comes out, with a pose that is finite.
+#[test]
+fn hopeless_sources_and_targets_are_outcomes() {
+    let (target, source) = room(&truth());
+    let mut ndt = NdtRegistration::new(NdtParams::default()).unwrap();
+    for hopeless in [
+        vec![],
+        vec![Vector3::zeros()],
+        vec![Vector3::repeat(f64::NAN); 30],
+        (0..30).map(|i| Vector3::repeat(3.0 * f64::from(i))).collect(),
+    ] {
+        assert!(ndt.set_target(&cloud(&hopeless, &Se3::identity())).is_err());
+    }
+    let blob: Vec<_> = (0..200).map(|i| Vector3::new(scatter(i), scatter(i + 300), scatter(i + 600))).collect();
+    let flat: Vec<_> = sheets(&ROOM[..1], 20.0, 3);
+    let line: Vec<_> = (0..300).map(|i| Vector3::new(0.02 * f64::from(i), 0.3, 0.3)).collect();
+    let same = vec![Vector3::new(0.2, 0.3, 0.4); 100];
+    let sources =
+        [vec![], vec![Vector3::new(1.0, 1.0, -1.0)], vec![Vector3::repeat(f64::NAN); 9], blob, flat, line, same];
+    let far = Se3::from_parts(Vector3::new(1e7, -1e9, 1e5), So3::default());
+    for (number, points) in sources.iter().enumerate() {
+        let points = cloud(points, &Se3::identity());
+        for target in [&target, &points] {
+            if ndt.set_target(target).is_err() {
+                continue;
+            }
+            for (source, guess) in [(&points, Se3::identity()), (&source, Se3::identity()), (&source, far)] {
+                let found = ndt.align(source, &guess).unwrap();
+                assert!(found.target_from_source.is_finite() && found.score.is_finite(), "{number}: {found:?}");
+                assert!((0.0..=1.0).contains(&found.inlier_ratio), "{number}: {found:?}");
+                assert!(found.covariance(PoseSigma::default()).is_ok(), "{number}: {found:?}");
+                assert!(guess != far || found.termination == Termination::TooFewPoints, "{number}: {found:?}");
+            }
+        }
+    }
+    let outlier = cloud(&[Vector3::new(1.0, 1.0, -1.0)], &Se3::identity());
+    ndt.set_target(&target).unwrap();
+    assert!(!ndt.align(&outlier, &Se3::identity()).unwrap().converged());
+}
+
+#[test]
+fn bad_parameters_are_named() {
+    let good = NdtParams::default();
+    for bad in [
+        NdtParams { coarse_levels: 7, ..good },
+        NdtParams { outlier_ratio: 0.0, ..good },
+        NdtParams { outlier_ratio: f64::NAN, ..good },
+        NdtParams { min_inlier_ratio: 1.1, ..good },
+        NdtParams { min_facing_share: 0.0, ..good },
+        NdtParams { voxels: VoxelParams { resolution: 0.0, ..good.voxels }, ..good },
+        NdtParams { descent: DescentParams { max_iterations: 0, ..good.descent }, ..good },
+    ] {
+        assert!(NdtRegistration::new(bad).is_err(), "{bad:?}");
+    }
+}
