@@ -317,7 +317,7 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
         belief.steps.push(moved.since);
         (belief.pending, belief.walked, belief.drift) = (None, Se2::identity(), moved.drift);
         belief.note(scan.stamp(), Se2::identity());
-        belief.since_resampling += 1;
+        belief.since_resampling = belief.since_resampling.saturating_add(1);
         let context = ResampleContext::new(weights, poses.len(), belief.since_resampling, moved.since);
         let resampled = params.resample.is_due(&context);
         if resampled {

@@ -228,23 +228,26 @@ mod stored {
         assert!(other.restore(&slam.checkpoint()).is_err());
         for (path, bad) in [
             ("/scores", "[0, 0, 0]"),
-            ("/scores/0", "1e999"),
+            ("/scores/0", "null"),
             ("/maps/0", "99"),
             ("/sheets/0/0/1", "99999"),
             ("/sheets/0/0/0/0", "2147483647"),
             ("/resolution", "0.1"),
             ("/tree/leaves/1", "123456"),
             ("/tree/nodes/1/parent", "1"),
+            ("/tree/swept", "99999999999"),
             ("/steps", "[]"),
             ("/tiles/0/passes", "[1, 2]"),
             ("/tiles/0/met/0", "4294967295"),
             ("/particles/weights/0", "0.9"),
         ] {
             let mut damaged = stored.clone();
-            let Ok(value) = serde_json::from_str(bad) else { continue };
+            let value = serde_json::from_str(bad).unwrap();
             *damaged.pointer_mut(path).unwrap_or_else(|| panic!("{path}")) = value;
-            let refused =
-                serde_json::from_value::<RbpfCheckpoint>(damaged).is_err_or(|stored| slam.restore(&stored).is_err());
+            let refused = match serde_json::from_value::<RbpfCheckpoint>(damaged) {
+                Ok(stored) => slam.restore(&stored).is_err(),
+                Err(_) => true,
+            };
             assert!(refused, "{path}");
             assert!(serde_json::to_value(slam.checkpoint()).unwrap() == stored, "{path}");
         }
@@ -252,16 +255,6 @@ mod stored {
         let fresh = filter(4).checkpoint();
         slam.restore(&fresh).unwrap();
         assert!(slam.trajectory().is_empty());
-    }
-
-    trait IsErrOr<T> {
-        fn is_err_or(self, or: impl FnOnce(T) -> bool) -> bool;
-    }
-
-    impl<T, E> IsErrOr<T> for Result<T, E> {
-        fn is_err_or(self, or: impl FnOnce(T) -> bool) -> bool {
-            self.map_or(true, or)
-        }
     }
 }
 

@@ -98,9 +98,10 @@ impl TrajectoryTree {
     pub(super) fn is_sound(&self, particles: usize, length: usize) -> bool {
         let before = |(i, node): (usize, &Node)| node.parent == NO_PARENT || (node.parent as usize) < i;
         if length == 0 {
-            return self.nodes.is_empty() && self.leaves.is_empty();
+            return self.nodes.is_empty() && self.leaves.is_empty() && self.swept == 0;
         }
         self.nodes.iter().enumerate().all(before)
+            && self.swept <= self.nodes.len()
             && self.leaves.len() == particles
             && (0..particles).all(|particle| self.path(particle).len() == length)
     }
