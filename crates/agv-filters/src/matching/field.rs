@@ -146,7 +146,8 @@ impl FieldMatcher {
         let lines = CorrelativeParams {
             resolution,
             sigma,
-            range_sigma,
+            // Between the centres of cells a field is not what it says: all points of a wall are off alike.
+            range_sigma: range_sigma.hypot(resolution),
             min_points,
             normal_radius: 5.0 * resolution,
             observable,
