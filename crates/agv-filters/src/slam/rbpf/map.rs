@@ -259,7 +259,9 @@ mod tests {
     fn copies_share_what_neither_changes() {
         let mut map = TileMap::new(0.05);
         let places: Vec<_> = (-40..40).flat_map(|x| (-3..20).map(move |y| (x, y))).collect();
-        places.iter().for_each(|&place| hit(&mut map, place));
+        for &place in &places {
+            hit(&mut map, place);
+        }
         assert!(map.tiles().map(|(place, _)| place).collect::<HashSet<_>>() == places.iter().copied().collect());
         let alone = bytes(&[&map]);
         assert!(alone > places.len() * 2048);
