@@ -8,7 +8,7 @@
 //! ```
 //!
 //! The log may be of any format of `docs/formats.md`; the settings are the library's defaults for every log. Without one it runs on
-//! the drive through the Intel Research Lab that the repository has (`data/intel/README.md`).
+//! the drive around the corridors of the Intel Research Lab that the repository has (`data/intel/README.md`).
 //!
 //! You will see how many scans a second that is, how much memory it took, and the errors against relations (Kümmerle et al.,
 //! *On measuring the accuracy of SLAM algorithms*, 2009) and reference poses, as far as there are any. In `target/agv/slam/`:

@@ -68,22 +68,12 @@ fn recorded(path: &Path) -> Result<Drive> {
     Ok(Drive { entries: log.entries, reference, relations: Vec::new() })
 }
 
-/// The two parts of the shipped log, in the order in which they were driven.
+/// The shipped drive: once around the corridors.
 fn shipped() -> Result<Drive> {
     let folder = Path::new("data/intel");
-    let read = |part: &str| -> Result<Vec<(LogEntry, StampedPose)>> {
-        let log = ScanLog::read(folder.join(format!("{part}_scans.csv.gz")))?;
-        let poses = csv::read_reference(folder.join(format!("{part}_reference.csv.gz")))?;
-        Ok(log.entries.into_iter().zip(poses).collect())
-    };
-    let (mut both, drive) = (read("map")?, read("drive")?);
-    let between = match drive.first() {
-        Some((first, _)) => both.partition_point(|(entry, _)| entry.scan.stamp() < first.scan.stamp()),
-        None => 0,
-    };
-    both.splice(between..between, drive);
-    let (entries, reference) = both.into_iter().unzip();
-    Ok(Drive { entries, reference, relations: Vec::new() })
+    let log = ScanLog::read(folder.join("drive_scans.csv.gz"))?;
+    let reference = csv::read_reference(folder.join("drive_reference.csv.gz"))?;
+    Ok(Drive { entries: log.entries, reference, relations: Vec::new() })
 }
 
 /// Reference poses: CSV with a header, or `t x y yaw` per line.
