@@ -4,6 +4,7 @@ mod fit;
 mod gaussian;
 mod kernel;
 mod level;
+mod localizer;
 mod map;
 mod mixture;
 mod objective;
@@ -12,6 +13,7 @@ mod registration;
 mod search;
 
 pub use gaussian::{Gaussian3, VoxelParams, VoxelSums};
+pub use localizer::{DriftParams, NdtLocalizer, NdtLocalizerParams, SearchParams};
 pub use map::NdtMap;
 pub use params::NdtParams;
 pub use registration::{NdtRegistration, NdtReport};
