@@ -9,6 +9,7 @@ mod map;
 mod mixture;
 mod objective;
 mod params;
+mod planar;
 mod registration;
 mod search;
 
@@ -16,5 +17,6 @@ pub use gaussian::{Gaussian3, VoxelParams, VoxelSums};
 pub use localizer::{DriftParams, NdtLocalizer, NdtLocalizerParams, SearchParams};
 pub use map::NdtMap;
 pub use params::NdtParams;
+pub use planar::{NdtScanMatcher, NdtScanMatcherParams};
 pub use registration::{NdtRegistration, NdtReport};
 pub use search::VoxelSearch;

@@ -92,7 +92,7 @@ pub struct NdtLocalizer {
     alignment: Option<Alignment<Se3>>,
     thin: VoxelGrid,
     search: Search,
-    /// The cloud straightened and in the base frame, and what is left of it.
+    /// The cloud deskewed, and what is left of it in the base frame.
     straight: PointCloud,
     thinned: PointCloud,
 }
@@ -193,12 +193,13 @@ impl NdtLocalizer {
         self.alignment.as_ref()
     }
 
-    /// The last cloud with enough points as it was aligned: deskewed, in the base frame at the end of the last motion, thinned out.
-    pub const fn thinned(&self) -> &PointCloud {
-        &self.thinned
+    /// The last cloud that was within the history, deskewed: as if taken at once when the last motion ended, in the sensor frame of
+    /// then. For mapping with it, or looking for obstacles.
+    pub const fn straightened(&self) -> &PointCloud {
+        &self.straight
     }
 
-    /// Brings a cloud into the base frame at the time of the belief, and thins it out; or says why not.
+    /// Deskews a cloud to the time of the belief, thins it out and brings it into the base frame; or says why not.
     fn take(&mut self, state: &State, cloud: &PointCloud) -> Result<(), SkipReason> {
         let (at, track) = (state.belief.stamp, &state.track);
         let moving = track.first().zip(at).filter(|_| track.len() > 1);
@@ -214,9 +215,9 @@ impl NdtLocalizer {
         } else {
             self.straight.copy_from(cloud);
         }
-        let mount = self.straight.base_from_sensor();
-        self.straight.transform(&mount);
         self.thin.filter_into(&self.straight, &mut self.thinned);
+        let mount = self.thinned.base_from_sensor();
+        self.thinned.transform(&mount);
         let (usable, needed) = (self.thinned.len(), self.params.min_points);
         if usable < needed { Err(SkipReason::TooFewReadings { usable, needed }) } else { Ok(()) }
     }
