@@ -74,7 +74,7 @@ fn main() -> ExitCode {
         let mapped = mapping::run(&args, &hall, &mut report)?;
         let laps = localization::run(&args, &hall, &mapped, &mut report)?;
         let driven = navigation::run(&args, &hall, &mapped, &mut report)?;
-        pictures::write(&out, &hall, &mapped, &laps, &driven)?;
+        pictures::write(&out, &mapped, &laps, &driven)?;
         report.print(args.common.json)?;
         Result::Ok(())
     })

@@ -42,6 +42,7 @@ const LONGEST: f64 = 120.0;
 const COST_WEIGHT: f64 = 4.0;
 
 pub(crate) struct Driven {
+    pub(crate) start: Se2,
     pub(crate) planned: Path,
     pub(crate) truths: Vec<Se2>,
     pub(crate) estimates: Vec<Se2>,
@@ -62,16 +63,22 @@ fn astar() -> Result<AStar> {
     Ok(AStar::new(AStarParams { grid: grid(), start_tolerance: 1.0, goal_tolerance: 0.5, ..AStarParams::default() })?)
 }
 
+/// In the first aisle, heading along it.
+fn start(hall: &Hall) -> Se2 {
+    hall.factory.aisles()[0] * Se2::new(14.0, 0.0, 0.0)
+}
+
 /// Goals in the last aisle, and in the second: each lies ahead, for the planner on the grid knows nothing of turning round.
 fn goals(hall: &Hall) -> Vec<Se2> {
     let aisles = hall.factory.aisles();
-    vec![aisles[3] * Se2::new(24.0, 0.0, PI), aisles[1] * Se2::new(8.0, 0.0, 0.0)]
+    vec![aisles[3] * Se2::new(24.0, 0.0, PI), aisles[1] * Se2::new(4.0, 0.0, 0.0)]
 }
 
 pub(crate) fn run(args: &Args, hall: &Hall, mapped: &Mapped, report: &mut Report) -> Result<Driven> {
     let planned = plan(hall, mapped, report)?;
     let (goods, world) = with_goods(hall)?;
-    let mut driven = Driven { planned, truths: vec![], estimates: vec![], goals: goals(hall), goods };
+    let mut driven =
+        Driven { start: start(hall), planned, truths: vec![], estimates: vec![], goals: goals(hall), goods };
     follow(args, hall, mapped, &world, &mut driven, report)?;
     Ok(driven)
 }
@@ -81,7 +88,7 @@ fn plan(hall: &Hall, mapped: &Mapped, report: &mut Report) -> Result<Path> {
     let free = Inflation::new(inflation()?)?.inflate(&mapped.grid)?;
     let mut blocked = free.clone();
     block(&mut blocked, hall);
-    let (start, goal) = (hall.lap.points()[0].pose, goals(hall)[0]);
+    let (start, goal) = (start(hall), goals(hall)[0]);
     let params = GridPlannerParams { grid: grid(), start_tolerance: 1.0, goal_tolerance: 0.5, ..Default::default() };
     let mut planned = Path::new();
     let planners: [(&str, Box<dyn GlobalPlanner>); 2] =
@@ -128,7 +135,7 @@ fn with_goods(hall: &Hall) -> Result<(Vec<Vector3<f64>>, World3d)> {
         let place = aisles[aisle] * Se2::new(along, side, 0.0);
         Vector3::new(place.x(), place.y(), 0.45)
     };
-    let goods = vec![at(3, 20.0, 1.0), at(0, 9.0, -1.0)];
+    let goods = vec![at(3, 12.0, 1.0), at(0, 21.0, -1.0)];
     for &center in &goods {
         let solid = Solid::Box { center, size: Vector3::new(0.8, 0.8, 0.9), yaw: 0.2 };
         fixtures.push(Fixture { solid, reflectivity: 0.5 });
@@ -183,7 +190,7 @@ fn follow(
     driven: &mut Driven,
     report: &mut Report,
 ) -> Result<()> {
-    let start = hall.lap.points()[0].pose;
+    let start = start(hall);
     let mut system = system(args, mapped)?;
     let mut simulator = drive::simulator(args, world, start, SPEED, args.common.seed().derive(2000))?;
     system.start(&PoseBelief::Anywhere)?;

@@ -1,6 +1,6 @@
 //! What the paper's Figs 5 to 11 show.
 
-use crate::{Result, hall::Hall, localization::Lap, mapping::Mapped, navigation::Driven};
+use crate::{Result, localization::Lap, mapping::Mapped, navigation::Driven};
 use agv_nav::prelude::Se2;
 use agv_support::{
     map,
@@ -10,7 +10,7 @@ use std::path::Path;
 
 const COLORS: [Color; 6] = [Color::Blue, Color::Orange, Color::Green, Color::Red, Color::Purple, Color::Sky];
 
-pub(crate) fn write(out: &Path, hall: &Hall, mapped: &Mapped, laps: &[Lap], driven: &Driven) -> Result<()> {
+pub(crate) fn write(out: &Path, mapped: &Mapped, laps: &[Lap], driven: &Driven) -> Result<()> {
     map::write(out.join("map.yaml"), &mapped.grid)?;
     Scene::new("The 3D map from above, and the drive that made it")
         .cloud(&mapped.cloud)
@@ -45,7 +45,6 @@ pub(crate) fn write(out: &Path, hall: &Hall, mapped: &Mapped, laps: &[Lap], driv
     for goal in &driven.goals {
         scene = scene.mark("goal", Color::Green, goal.translation());
     }
-    let start = hall.lap.points().first().ok_or("an empty lap")?.pose;
-    scene.mark("start", Color::Purple, start.translation()).write(out.join("drive.png"))?;
+    scene.mark("start", Color::Purple, driven.start.translation()).write(out.join("drive.png"))?;
     Ok(())
 }

@@ -167,7 +167,7 @@ mod tests {
     use super::*;
     use agv_core::{
         compute::Seed,
-        geometry::So3,
+        geometry::{So3, Twist3},
         grid::{Cell, Inflation, InflationParams, cost, distance_field},
         nalgebra::Vector3,
     };
@@ -192,7 +192,7 @@ mod tests {
         for aisle in &factory.aisles()[..2] {
             for i in 0..13 {
                 let pose = Se3::from(Se2::new(1.5 + 1.7 * f64::from(i), aisle.y(), 0.1 * f64::from(i % 3)));
-                let cloud = lidar.scan(factory.world(), &pose, &Default::default(), Stamp::default()).unwrap();
+                let cloud = lidar.scan(factory.world(), &pose, &Twist3::default(), Stamp::default()).unwrap();
                 let report = map.insert(cloud, &pose).unwrap();
                 assert!(report.points.ground > 100 && report.rays.beams_used > 1000, "{report:?}");
             }
@@ -236,7 +236,7 @@ mod tests {
         let taken: Vec<_> = (0..4)
             .map(|i| {
                 let pose = Se3::from(Se2::new(3.0 + 4.0 * f64::from(i), y, 0.0));
-                let cloud = lidar.scan(factory.world(), &pose, &Default::default(), Stamp::default()).unwrap().clone();
+                let cloud = lidar.scan(factory.world(), &pose, &Twist3::default(), Stamp::default()).unwrap().clone();
                 (cloud, pose)
             })
             .collect();

@@ -1,5 +1,6 @@
 //! The normal distributions transform.
 
+mod distributions;
 mod fit;
 mod gaussian;
 mod kernel;
@@ -13,6 +14,7 @@ mod planar;
 mod registration;
 mod search;
 
+pub use distributions::DistributionRegistration;
 pub use gaussian::{Gaussian3, VoxelParams, VoxelSums};
 pub use localizer::{DriftParams, NdtLocalizer, NdtLocalizerParams, SearchParams};
 pub use map::NdtMap;

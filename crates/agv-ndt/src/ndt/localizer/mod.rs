@@ -31,8 +31,8 @@ use agv_core::{
     geometry::{LieGroup, Se3, UncertainPose},
     odometry::MotionIncrement,
     roles::{
-        Alignment, Correct, LocalizationError, LocalizationStatus, Localizer, PoseBelief, PoseEstimate, Registration,
-        SkipReason, StatusMonitor, UpdateOutcome, UpdateReport,
+        Alignment, AlignmentError, Correct, LocalizationError, LocalizationStatus, Localizer, PoseBelief, PoseEstimate,
+        Registration, SkipReason, StatusMonitor, UpdateOutcome, UpdateReport,
     },
     sensors::{Deskew, PointCloud, PoseTrack, SensorId, VoxelGrid},
     time::Stamp,
@@ -238,7 +238,7 @@ impl NdtLocalizer {
             };
             let (places, params) = (&self.places, &self.params.search);
             let found = self.search.run(&mut self.ndt, &self.thinned, places, belief.mean(), radius, params);
-            self.alignment = found.map_err(refused)?;
+            self.alignment = found.map_err(|error| refused(&error))?;
             let Some(found) = self.alignment else { return Ok(Match::Unexplained) };
             let tempered = tempered(&found.information, self.params.independent, self.params.floor);
             // Along what the cloud does not fix, any of the places tried may be meant.
@@ -248,7 +248,7 @@ impl NdtLocalizer {
             let pose = UncertainPose::new(found.target_from_source, (covariance + covariance.transpose()) * 0.5)?;
             return Ok(Match::Found { pose, share: found.inlier_ratio });
         }
-        let found = self.ndt.align(&self.thinned, belief.mean()).map_err(refused)?;
+        let found = self.ndt.align(&self.thinned, belief.mean()).map_err(|error| refused(&error))?;
         self.alignment = Some(found);
         if !found.converged() {
             return Ok(Match::Unexplained);
@@ -269,9 +269,9 @@ enum Match {
     Fused { pose: UncertainPose<Se3>, nis: f64, share: f64 },
 }
 
-fn refused(error: agv_core::roles::AlignmentError) -> LocalizationError {
+fn refused(error: &AlignmentError) -> LocalizationError {
     match error {
-        agv_core::roles::AlignmentError::Invalid(error) => LocalizationError::Invalid(error),
+        AlignmentError::Invalid(error) => LocalizationError::Invalid(*error),
         // There is a target from the construction on.
         _ => LocalizationError::NotInitialized,
     }

@@ -2,7 +2,7 @@ use super::*;
 use crate::scenes::{CORRIDOR, ROOM, cloud, scatter, sheets};
 use agv_core::{
     compute::Seed,
-    geometry::{Se2, So3, Twist2},
+    geometry::{Se2, So3, Twist2, Twist3},
     roles::{Doubt, Termination, laws},
 };
 use agv_sim::{Factory, FactoryParams, Lidar, LidarParams, OdometryErrors, Simulator3d, Vehicle, VehicleParams};
@@ -241,7 +241,7 @@ fn factory_map(factory: &Factory) -> NdtMap {
     let mut map = NdtMap::new(NdtLocalizerParams::default().ndt.voxels).unwrap();
     for i in 0..12 {
         let pose = Se3::from(Se2::new(2.0 + 1.7 * f64::from(i), factory.aisles()[1].y() + 0.1 * f64::from(i % 2), 0.0));
-        let cloud = lidar.scan(factory.world(), &pose, &Default::default(), Stamp::default()).unwrap();
+        let cloud = lidar.scan(factory.world(), &pose, &Twist3::default(), Stamp::default()).unwrap();
         map.insert(cloud, &pose.compose(&mount));
     }
     map
@@ -261,7 +261,7 @@ fn errors_in_a_factory_are_small_and_those_of_the_covariance() {
         nees += drive.nees.iter().sum::<f64>();
         let ratios = drive.errors.iter().zip(&drive.variances).map(|(e, v)| e.component_mul(e).component_div(v));
         ratio += ratios.sum::<Vector6<f64>>() / drive.errors.len() as f64 / 5.0;
-        mean += drive.errors.iter().map(|e| e.abs()).sum::<Vector6<f64>>();
+        mean += drive.errors.iter().map(Vector6::abs).sum::<Vector6<f64>>();
     }
     let (nees, mean) = (nees / count, mean / count);
     assert!(mean.x < 0.005 && mean.y < 0.005 && mean[5] < 0.05_f64.to_radians(), "{mean}");

@@ -1,5 +1,5 @@
 use super::*;
-use agv_core::{compute::Seed, roles::laws, time::Stamp};
+use agv_core::{compute::Seed, geometry::Twist2, roles::laws, time::Stamp};
 use agv_sim::{Laser, LaserParams, Shape, World2d};
 use proptest::prelude::*;
 
@@ -18,7 +18,7 @@ fn room() -> World2d {
 
 fn scan(world: &World2d, at: &Se2, seed: u64) -> LaserScan {
     let params = LaserParams { range_sigma: 0.01, ..LaserParams::default() };
-    Laser::new(params, Seed(seed)).unwrap().scan(world, at, &Default::default(), Stamp::default()).unwrap().clone()
+    Laser::new(params, Seed(seed)).unwrap().scan(world, at, &Twist2::default(), Stamp::default()).unwrap().clone()
 }
 
 fn matcher(target: &LaserScan) -> NdtScanMatcher {
