@@ -157,7 +157,8 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
         Simulator2d::new(world, vehicle(v_max, trial.start, seed)?, body.clone(), CYCLE / STEPS as f64)?
             .with_laser(Laser::new(laser, seed.derive(3))?, STEPS)?
             .with_moving(trial.moving.clone());
-    let mut sight = Sight::new(&footprint, trial.window, frozen)?;
+    let known = trial.map.as_ref().filter(|_| args.worlds.known_map);
+    let mut sight = Sight::new(&footprint, trial.window, frozen, known)?;
     let mut navigation = planners::navigation(planner)?;
     navigation.go_to(&trial.goal)?;
 
@@ -235,6 +236,10 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
             }
         }
         run.track.push(simulator.vehicle().map_from_base());
+        // Who has a map finds its place in it.
+        if known.is_some() {
+            believed = simulator.vehicle().map_from_base();
+        }
     }
     run.danger = endangered / run.time.max(CYCLE);
     run.smoothness = Statistics::new(changes).map_or(0.0, |s| s.mean());

@@ -8,7 +8,7 @@ use agv_nav::{
     },
     filters::tracking::{ObstacleTracker, TrackerParams},
     nalgebra::Vector2,
-    prelude::{LaserScan, LieGroup as _, LocalMap, Se2},
+    prelude::{CellState, Grid, LaserScan, LieGroup as _, LocalMap, Se2},
 };
 
 /// Edge of a cell, in metres.
@@ -24,8 +24,13 @@ pub(crate) struct Sight {
 }
 
 impl Sight {
-    /// A view of a square window of so many metres.
-    pub(crate) fn new(footprint: &Footprint, window: f64, frozen: bool) -> Result<Self> {
+    /// A view of a square window of so many metres, over what is known beforehand.
+    pub(crate) fn new(
+        footprint: &Footprint,
+        window: f64,
+        frozen: bool,
+        known: Option<&Grid<CellState>>,
+    ) -> Result<Self> {
         let cells = (window / RESOLUTION).ceil() as usize;
         let inflation = InflationParams {
             inflation_radius: footprint.circumscribed_radius() + 0.4,
@@ -40,11 +45,15 @@ impl Sight {
             inflation: Some(inflation),
             ..RollingParams::default()
         };
-        let rolling = RollingCostmap::new(params)?.with_footprint(footprint.clone());
+        let mut rolling = RollingCostmap::new(params)?.with_footprint(footprint.clone());
+        let mut tracker = ObstacleTracker::new(TrackerParams::default())?;
+        if let Some(map) = known {
+            rolling = rolling.with_static_map(map.clone())?;
+            tracker = tracker.with_static_map(map)?;
+        }
         // The scanner leaves a quarter behind the vehicle in the dark; what it has not seen must not pin it down.
         let collision = CollisionParams { unknown_is_obstacle: false, outside_is_obstacle: false };
         let local = LocalMap::new(rolling.costmap(), LocalMapParams { collision, max_distance: 3.0 })?;
-        let tracker = ObstacleTracker::new(TrackerParams::default())?;
         Ok(Self { rolling, local, tracker, frozen, obstacles: Vec::new() })
     }
 

@@ -59,6 +59,9 @@ pub(crate) struct WorldArgs {
     /// MRPB: table of starts and goals
     #[arg(long, requires = "map")]
     tests: Option<PathBuf>,
+    /// MRPB: the vehicle knows the map, and where it is on it, as in the set's own tests
+    #[arg(long, requires = "map")]
+    pub(crate) known_map: bool,
 }
 
 impl WorldArgs {

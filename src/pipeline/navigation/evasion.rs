@@ -18,7 +18,7 @@ use crate::Error;
 use agv_core::{
     geometry::{LieGroup, Se2, Twist2, wrap_angle},
     grid::Footprint,
-    kinematics::{Motion, rise, stopping_speed},
+    kinematics::{Motion, approach, stopping_speed},
     nalgebra::Vector2,
     obstacle::MovingObstacle,
 };
@@ -183,23 +183,17 @@ impl Course {
         }
         let yaw_rate = yaw_rate.copysign(turn);
         let target = if limits.steering.is_some() {
-            Twist2::new(towards(twist.vx, self.forward, up, down, dt), 0.0, yaw_rate)
+            Twist2::new(approach(twist.vx, self.forward, up, down, dt), 0.0, yaw_rate)
         } else {
             let change = limits.twist.yaw_acceleration;
             Twist2::new(
-                towards(twist.vx, self.forward, up, down, dt),
-                towards(twist.vy, self.lateral, up, down, dt),
-                towards(twist.yaw_rate, yaw_rate, change, change, dt),
+                approach(twist.vx, self.forward, up, down, dt),
+                approach(twist.vy, self.lateral, up, down, dt),
+                approach(twist.yaw_rate, yaw_rate, change, change, dt),
             )
         };
         limits.step_checked(now, &target.into(), dt)
     }
-}
-
-/// A component after a step towards its target.
-fn towards(now: f64, target: f64, acceleration: f64, deceleration: f64, dt: f64) -> f64 {
-    let (lowest, highest) = (-rise(-now, acceleration, deceleration, dt), rise(now, acceleration, deceleration, dt));
-    target.max(lowest).min(highest)
 }
 
 /// A look ahead.

@@ -81,3 +81,17 @@ pub fn rise(current: f64, acceleration: f64, deceleration: f64, dt: f64) -> f64 
     let braked = current + deceleration * dt;
     if braked <= 0.0 { braked } else { braked / deceleration * acceleration }
 }
+
+/// One component of a motion after `dt` seconds on the way to a target, as near to it as the accelerations allow.
+///
+/// ```
+/// use agv_core::kinematics::approach;
+///
+/// assert_eq!(approach(0.5, 2.0, 1.0, 2.0, 0.25), 0.75);
+/// assert_eq!(approach(0.5, 0.4, 1.0, 2.0, 0.25), 0.4);
+/// ```
+#[inline]
+pub fn approach(current: f64, target: f64, acceleration: f64, deceleration: f64, dt: f64) -> f64 {
+    let least = -rise(-current, acceleration, deceleration, dt);
+    target.max(least).min(rise(current, acceleration, deceleration, dt))
+}

@@ -26,7 +26,7 @@ mod tricycle;
 use crate::{Error, check, geometry::Twist2};
 
 pub use ackermann::{Ackermann, AckermannParams, AckermannWheels};
-pub use axis::rise;
+pub use axis::{approach, rise};
 pub use axle::{AckermannAxle, AxleAngles};
 pub use differential::{DifferentialDrive, DifferentialParams, DifferentialWheels};
 pub use double_ackermann::{DoubleAckermann, DoubleAckermannParams, DoubleAckermannWheels};

@@ -13,8 +13,6 @@
 mod params;
 mod planner;
 mod sampler;
-mod window;
 
 pub use params::{AdaptiveWindow, DwaParams};
 pub use planner::Dwa;
-pub use window::Window;

@@ -5,7 +5,7 @@ use crate::{
     Error,
     local::{
         Drive, Guard, NavigationField, Reference, Task, Trajectories, Verdict, check_request,
-        critics::{Critic, Oscillation, PreferForward, Progress, Scene, score},
+        critics::{self, Critic, Scene, score},
         lead,
     },
 };
@@ -72,25 +72,13 @@ pub struct Dwa {
     progress: lead::Patience,
 }
 
-/// How much closer, in cells, a vehicle that cannot get on may come to what looks like an obstacle.
-const RELAXED: f32 = 1.0;
-
-/// Commands that the guard may refuse in one cycle.
-const MOST_CHECKED: usize = 64;
-
 impl Dwa {
-    /// The planner with the critics that measured best: [`Progress`] on the navigation field, a little faithfulness to the side that was
-    /// chosen, and a dislike of backing up.
+    /// The planner with the [standard](critics::standard) critics.
     ///
     /// # Errors
     /// The first parameter that is out of its range.
     pub fn new(params: DwaParams) -> Result<Self, Error> {
-        let critics = vec![
-            Critic::new(1.0, Progress::new(0.6, 0.1, 0.5, 0.3)),
-            Critic::new(0.05, Oscillation),
-            Critic::new(0.5, PreferForward),
-        ];
-        Self::with_critics(params, critics)
+        Self::with_critics(params, critics::standard())
     }
 
     /// The planner with critics of one's own.
@@ -108,7 +96,7 @@ impl Dwa {
             totals: Vec::new(),
             scratch: Vec::new(),
             order: Vec::new(),
-            refused: Vec::with_capacity(MOST_CHECKED),
+            refused: Vec::with_capacity(lead::MOST_CHECKED),
             reason: BlockReason::Obstacle,
             closed: BlockReason::Obstacle,
             speeds: Vec::new(),
@@ -172,7 +160,7 @@ impl Dwa {
         }
         // Who stands may look more closely: what only seems to touch may be free.
         if request.state.twist == Twist2::ZERO {
-            self.batch.relax(request.map, RELAXED);
+            self.batch.relax(request.map, lead::RELAXED);
             self.judge(request, drive, target);
             if let Some(command) = self.best(request)? {
                 return Ok(command);
@@ -212,7 +200,7 @@ impl Dwa {
             if self.refused.contains(&motion) {
                 continue;
             }
-            if self.refused.len() >= MOST_CHECKED {
+            if self.refused.len() >= lead::MOST_CHECKED {
                 break;
             }
             match self.guard.check_trusted(request, &motion)? {

@@ -1,10 +1,7 @@
 //! The samples of the window.
 
-use super::{
-    Dwa,
-    window::{Window, samples},
-};
-use crate::local::{Drive, lead};
+use super::Dwa;
+use crate::local::{Drive, Window, lead, window::samples};
 use agv_core::roles::LocalPlanRequest;
 
 impl Dwa {

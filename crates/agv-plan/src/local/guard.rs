@@ -189,8 +189,8 @@ impl Guard {
     }
 
     /// The command that begins to brake: on the present arc if that is free until rest, else as hard as allowed if that is, with room
-    /// to spare that grows with the speed (none if the arc meets an obstacle that moves); else one that touches nothing of the map. If
-    /// there is none either, on the arc, unless braking hard touches something at less than half of the arc's speed.
+    /// to spare that grows with the speed (none if the arc meets an obstacle that moves); else one that touches nothing of the map as
+    /// it is. If there is none either, on the arc, unless braking hard touches something at less than half of the arc's speed.
     ///
     /// # Errors
     /// As [`check`](Self::check).
@@ -200,7 +200,7 @@ impl Guard {
         let brakes =
             [Brake::Arc, Brake::Hard].map(|brake| (brake, brake_step(request.limits, &current, request.dt, brake)));
         let room = room(request, &current.twist);
-        let mut waiting = None;
+        let (mut waiting, mut scarcely) = (None, None);
         for (brake, motion) in &brakes {
             // What passed a check before must not fail now because it is looked at in other places: as closely as can be.
             match self.sweep(request, motion, *brake, LEAST_MARGIN)? {
@@ -211,13 +211,14 @@ impl Guard {
                 {
                     return Ok(*motion);
                 }
-                Verdict::Clear | Verdict::Blocked(BlockReason::Obstacle) => {}
+                Verdict::Clear => scarcely = Some(*motion),
+                Verdict::Blocked(BlockReason::Obstacle) => {}
                 Verdict::Blocked(_) => {
                     waiting.get_or_insert(*motion);
                 }
             }
         }
-        if let Some(motion) = waiting {
+        if let Some(motion) = waiting.or(scarcely) {
             return Ok(motion);
         }
         let [(arc, on_arc), (hard, hardest)] = brakes;

@@ -4,7 +4,7 @@
 use super::{Drive, Guard, NavigationField, Verdict};
 use agv_core::{
     geometry::{LieGroup, Twist2},
-    kinematics::{Motion, MotionLimits, rise, stopping_speed},
+    kinematics::{Motion, MotionLimits, approach, stopping_speed},
     path::Course,
     roles::{BlockReason, LocalCommand, LocalPlanError, LocalPlanRequest, LocalPlanStatus},
 };
@@ -15,6 +15,12 @@ const BEHIND: f64 = 1.5;
 
 /// Way that counts as progress, in metres.
 const PROGRESS: f64 = 0.05;
+
+/// How much closer, in cells, a vehicle that cannot get on may come to what looks like an obstacle.
+pub(crate) const RELAXED: f32 = 1.0;
+
+/// Commands that the guard may refuse in one cycle.
+pub(crate) const MOST_CHECKED: usize = 64;
 
 /// Where on the path the way of this cycle should lead: `look_ahead` metres on if the vehicle can be there and there is a way, else
 /// beyond what closes the path, else nearer; places are tried a cell of the field apart. The distance field is that of the answer.
@@ -125,7 +131,7 @@ pub(crate) fn command_towards(request: &LocalPlanRequest<'_>, [vx, vy, turn]: [f
     let &LocalPlanRequest { state, limits, dt, .. } = request;
     let now = state.twist;
     let (up, down) = (limits.twist.acceleration, limits.twist.deceleration);
-    let vx = towards(now.vx, vx, up, down, dt);
+    let vx = approach(now.vx, vx, up, down, dt);
     let target = if let Some(steering) = &limits.steering {
         let angle = steering_angle(&state.motion(), limits);
         let change = steering.max_rate * dt;
@@ -133,15 +139,9 @@ pub(crate) fn command_towards(request: &LocalPlanRequest<'_>, [vx, vy, turn]: [f
         Motion { twist: Twist2::new(vx, 0.0, vx * steering.curvature(angle)), steering: Some(angle) }
     } else {
         let change = limits.twist.yaw_acceleration;
-        Twist2::new(vx, towards(now.vy, vy, up, down, dt), towards(now.yaw_rate, turn, change, change, dt)).into()
+        Twist2::new(vx, approach(now.vy, vy, up, down, dt), approach(now.yaw_rate, turn, change, change, dt)).into()
     };
     limits.step_checked(&state.motion(), &target, dt)
-}
-
-/// A component after a step towards its target.
-fn towards(now: f64, target: f64, acceleration: f64, deceleration: f64, dt: f64) -> f64 {
-    let (lowest, highest) = (-rise(-now, acceleration, deceleration, dt), rise(now, acceleration, deceleration, dt));
-    target.max(lowest).min(highest)
 }
 
 /// Why it is best to stand: for somebody who is within `reach` metres, or as it was.

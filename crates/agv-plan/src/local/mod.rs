@@ -4,6 +4,7 @@
 //! - [`NavigationField`]: how far it is to the goal around the obstacles in sight.
 //! - [`Guard`]: lets no command pass that does not leave a way to brake; what makes planners safe.
 //! - [`Reference`]: what the path asks for now: drive, turn on the spot, or rest.
+//! - [`Window`]: which velocities can be reached soon.
 //! - [`moving`]: contact with obstacles that move, each at its time.
 //! - [`Tracked`]: the plainest local planner, a path tracker that stops before obstacles.
 
@@ -15,6 +16,7 @@ pub mod moving;
 mod reference;
 mod tracked;
 pub(crate) mod trajectories;
+pub(crate) mod window;
 
 use agv_core::{
     check,
@@ -25,6 +27,7 @@ pub use guard::{Guard, GuardParams, Verdict};
 pub use reference::{Drive, Reference, ReferenceParams, Task};
 pub use tracked::{Tracked, TrackedParams};
 pub use trajectories::{StepView, Trajectories};
+pub use window::Window;
 
 /// Accepts a request that a local planner can work with: a path, finite numbers, sound limits, time that passes.
 ///

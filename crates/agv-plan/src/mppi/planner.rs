@@ -7,10 +7,9 @@ use super::{
 };
 use crate::{
     Error,
-    dwa::Window,
     local::{
-        Drive, Guard, NavigationField, Reference, Task, Trajectories, Verdict, check_request,
-        critics::{Critic, Oscillation, PreferForward, Progress, Scene, Spread},
+        Drive, Guard, NavigationField, Reference, Task, Trajectories, Verdict, Window, check_request,
+        critics::{self, Critic, Scene, Spread},
         lead, trajectories,
     },
 };
@@ -82,26 +81,13 @@ pub struct Mppi {
     progress: lead::Patience,
 }
 
-/// How much closer, in cells, a vehicle that cannot get on may come to what looks like an obstacle.
-const RELAXED: f32 = 1.0;
-
-/// Commands that the guard may refuse in one cycle.
-const MOST_CHECKED: usize = 64;
-
 impl Mppi {
-    /// The planner with the critics that the dynamic window has: [`Progress`] on the navigation field, a little faithfulness to the side
-    /// that was chosen, and a dislike of backing up.
+    /// The planner with the [standard](critics::standard) critics.
     ///
     /// # Errors
     /// The first parameter that is out of its range.
     pub fn new(params: MppiParams, seed: Seed) -> Result<Self, Error> {
-        Self::with_critics(params, seed, || {
-            vec![
-                Critic::new(1.0, Progress::new(0.6, 0.1, 0.5, 0.3)),
-                Critic::new(0.05, Oscillation),
-                Critic::new(0.5, PreferForward),
-            ]
-        })
+        Self::with_critics(params, seed, critics::standard)
     }
 
     /// The planner with critics of one's own: `critics` is called once for each block of samples.
@@ -126,7 +112,7 @@ impl Mppi {
             sums: vec![[0.0; 3]; params.steps],
             plan: Plan::default(),
             order: Vec::with_capacity(params.samples),
-            refused: Vec::with_capacity(MOST_CHECKED),
+            refused: Vec::with_capacity(lead::MOST_CHECKED),
             reason: BlockReason::Obstacle,
             last: Twist2::ZERO,
             progress: lead::Patience::default(),
@@ -208,7 +194,7 @@ impl Mppi {
         if relaxed {
             self.par.for_each_chunk(blocks.as_mut_slice(), 1, |_, blocks| {
                 for block in blocks {
-                    block.batch.relax(request.map, RELAXED);
+                    block.batch.relax(request.map, lead::RELAXED);
                     block.assess(&scene);
                 }
             });
@@ -224,7 +210,7 @@ impl Mppi {
         let proposal = Proposal { plan, params, ranges, sigmas };
         mean.follow(request, &proposal, &plan.controls);
         if relaxed {
-            mean.batch.relax(request.map, RELAXED);
+            mean.batch.relax(request.map, lead::RELAXED);
         }
         mean.assess(&scene);
         mean.sum_up(spreads);
@@ -248,7 +234,7 @@ impl Mppi {
         self.order.sort_unstable_by(|a, b| a.0.total_cmp(&b.0).then((a.1, a.2).cmp(&(b.1, b.2))));
         for k in 0..self.order.len() {
             let (_, block, sample) = self.order[k];
-            if self.refused.len() >= MOST_CHECKED {
+            if self.refused.len() >= lead::MOST_CHECKED {
                 break;
             }
             if let Some(command) = self.take(request, Some(block as usize), sample as usize)? {

@@ -2,8 +2,8 @@ use super::*;
 use crate::local::{
     FieldParams,
     critics::{
-        BoundedObstacle, Clearance, GoalAlign, GoalDistance, Heading, KeyNodeDistance, KeyNodeHeading, PathAlign,
-        PathDistance, Twirling, Velocity,
+        BoundedObstacle, Clearance, GoalAlign, GoalDistance, Heading, KeyNodeDistance, KeyNodeHeading, Oscillation,
+        PathAlign, PathDistance, PreferForward, Twirling, Velocity,
     },
 };
 use agv_core::{

@@ -47,6 +47,16 @@ pub struct Scene<'a> {
     pub last: Twist2,
 }
 
+/// The critics that measured best: [`Progress`] on the navigation field, a little faithfulness to the side that was chosen, and a
+/// dislike of backing up.
+pub fn standard() -> Vec<Critic> {
+    vec![
+        Critic::new(1.0, Progress::new(0.6, 0.1, 0.5, 0.3)),
+        Critic::new(0.05, Oscillation),
+        Critic::new(0.5, PreferForward),
+    ]
+}
+
 /// A view by which trajectories are judged: the lower the cost, the better.
 pub trait TrajectoryCost: Debug + Send + Sync {
     /// Its name, for those who log.

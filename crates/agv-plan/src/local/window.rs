@@ -1,6 +1,6 @@
 //! The dynamic window: which velocities the vehicle can reach in a time, and samples of them.
 
-use crate::local::lead::steering_angle;
+use super::lead::steering_angle;
 use agv_core::{
     kinematics::{Motion, MotionLimits, rise},
     path::Gear,
@@ -25,7 +25,7 @@ impl Window {
     /// use agv_core::geometry::Twist2;
     /// use agv_core::kinematics::MotionLimits;
     /// use agv_core::path::Gear;
-    /// use agv_plan::dwa::Window;
+    /// use agv_plan::local::Window;
     ///
     /// let limits = MotionLimits::default();
     /// let window = Window::new(&Twist2::new(0.5, 0.0, 0.0).into(), &limits, 0.2, Gear::Forward, 0.55);
