@@ -26,6 +26,7 @@ use agv_nav::core::{
     nalgebra::Vector3,
     roles::Registration,
 };
+use agv_nav::ndt::ndt::NdtParams;
 use agv_support::{
     cli::{CommonArgs, Report},
     timing::Timings,
@@ -67,11 +68,14 @@ struct Args {
     /// Edge of the voxels, in metres
     #[arg(long, default_value_t = 1.0)]
     resolution: f64,
+    /// Share of points without a surface, for normal distributions
+    #[arg(long, default_value_t = NdtParams::default().outlier_ratio)]
+    outlier_ratio: f64,
     /// How often the alignment is timed; the fastest counts
     #[arg(long, default_value_t = 7, value_parser = clap::value_parser!(u16).range(1..=1000))]
     repeats: u16,
     /// So many random guesses around the reference, at each of three magnitudes, instead of one alignment
-    #[arg(long)]
+    #[arg(long, value_parser = clap::value_parser!(u32).range(1..=1_000_000))]
     basin: Option<u32>,
     #[command(flatten)]
     common: CommonArgs,

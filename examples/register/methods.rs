@@ -47,7 +47,7 @@ impl Method {
             Self::Vgicp => points(PointMetric::Voxelized)?,
             Self::Icp => points(PointMetric::PointToPlane)?,
             Self::Ndt => {
-                let params = NdtParams { voxels, ..NdtParams::default() };
+                let params = NdtParams { voxels, outlier_ratio: args.outlier_ratio, ..NdtParams::default() };
                 Box::new(NdtRegistration::new(params)?.with_parallelism(args.common.par()))
             }
         })

@@ -1,5 +1,5 @@
 //! Eigenvalues of symmetric 3x3 matrices by cyclic Jacobi rotations (Golub and Van Loan, *Matrix computations*, section 8.5):
-//! accurate for the flattest surface, without a branch that depends on rounding, and several times faster than the general solver.
+//! accurate for the flattest surface.
 
 use nalgebra::{Matrix3, Vector3};
 

@@ -8,7 +8,7 @@
 //! | users have | take |
 //! |---|---|
 //! | a map, or clouds that are far apart | [`ndt::NdtRegistration`]: fastest, and finds the pose from metres away |
-//! | two clouds, and a guess within half a metre | [`gicp::PointRegistration`]: generalized, the most accurate |
+//! | two thin clouds, and a guess within half a metre | [`gicp::PointRegistration`]: a point per 0.25 m of the target is enough |
 //! | a vehicle on an even floor | either with [`registration::Freedom::Planar`] |
 //! | a map of many vehicles' clouds | [`ndt::NdtMap`], which merges in any order to the same bits |
 //!
@@ -41,7 +41,6 @@
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
-mod cells;
 pub mod convert;
 mod eigen;
 mod error;
@@ -53,3 +52,5 @@ pub mod registration;
 mod scenes;
 
 pub use error::Error;
+
+use agv_core::sensors::cells;

@@ -42,6 +42,13 @@ pub(crate) const CORRIDOR: [[[f64; 3]; 3]; 3] = [
     [[-60.0, 1.4, -1.0], [120.0, 0.0, 0.0], [0.0, 0.0, 2.5]],
 ];
 
+/// Walls of one direction, of which a wall explains one in three at most.
+pub(crate) const PARALLEL: [[[f64; 3]; 3]; 3] = [
+    [[-5.0, 0.0, -1.0], [10.0, 0.0, 0.0], [0.0, 0.0, 2.5]],
+    [[-5.0, 0.7, -1.0], [10.0, 0.0, 0.0], [0.0, 0.0, 2.5]],
+    [[-5.0, -0.8, -1.0], [10.0, 0.0, 0.0], [0.0, 0.0, 2.5]],
+];
+
 /// A cloud of points of the target frame, as it is seen from a pose.
 pub(crate) fn cloud(points: &[Vector3<f64>], target_from_source: &Se3) -> PointCloud {
     PointCloud::from_points(points.iter().map(|p| target_from_source.inverse().act(p).cast()))

@@ -22,6 +22,7 @@
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
 mod bvh;
+mod cloud_pair;
 mod clutter;
 mod code_camera;
 mod collision;
@@ -50,6 +51,7 @@ mod vehicle_params;
 mod world2d;
 mod world3d;
 
+pub use cloud_pair::CloudPair;
 pub use clutter::{Clutter, ClutterParams};
 pub use code_camera::{CodeCamera, CodeCameraParams};
 pub use collision::Body;

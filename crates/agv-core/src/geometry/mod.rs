@@ -29,7 +29,7 @@ pub use outline::nearest_on_segment;
 pub use se2::Se2;
 pub use se3::Se3;
 pub use so2::So2;
-pub use so3::So3;
+pub use so3::{So3, skew};
 pub use twist::{Twist2, Twist3};
 pub use uncertain_vector::UncertainVector;
 

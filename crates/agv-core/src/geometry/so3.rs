@@ -25,7 +25,7 @@ pub struct So3(UnitQuaternion<f64>);
 const POLE: f64 = 1e-14;
 
 /// The matrix of the cross product: `skew(a) b = a × b`.
-pub(super) fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
+pub fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
     Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
 }
 

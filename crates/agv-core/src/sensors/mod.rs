@@ -9,6 +9,7 @@
 //! a sweep, of scans and clouds alike.
 
 mod camera;
+pub mod cells;
 mod cloud_filter;
 mod cloud_parts;
 mod cloud_transform;

@@ -1,17 +1,20 @@
 //! Voxel down-sampling: one point per occupied cube, the centroid of what was in it.
 //!
-//! A table of open addresses maps a voxel's packed indices to its place in the output, so the cost is one look-up a
+//! A [`CellTable`] maps a voxel's packed indices to its place in the output, so the cost is one look-up a
 //! point and the order of the output is that in which the voxels first appeared; no sort, and no hash order in the
 //! result. Sums are kept relative to the voxel's first point: a cloud far from its origin loses nothing.
 
-use super::PointCloud;
+use super::{
+    PointCloud,
+    cells::{self, CellTable, pack_within},
+};
 use crate::{Error, check};
 
 /// Voxels to either side of the origin that the packed index holds.
-const REACH: f32 = (1 << 20) as f32;
+const REACH: f32 = cells::REACH as f32;
 
-/// Marks a free slot; packed indices use 63 bits.
-const FREE: u64 = u64::MAX;
+/// Not the key of any voxel.
+const NO_KEY: u64 = u64::MAX;
 
 /// Down-samples clouds; the buffers are reused, so that nothing is allocated once they have grown.
 ///
@@ -29,16 +32,8 @@ const FREE: u64 = u64::MAX;
 #[derive(Debug, Clone)]
 pub struct VoxelGrid {
     leaf: f32,
-    slots: Vec<Slot>,
+    table: CellTable,
     sums: Vec<Sum>,
-}
-
-/// Key and place side by side: one cache miss a look-up. (Measured: a table of places alone, with the keys apart, took
-/// half as long again at 0.1 m.)
-#[derive(Debug, Clone, Copy)]
-struct Slot {
-    key: u64,
-    voxel: u32,
 }
 
 #[derive(Debug, Clone, Copy, Default)]
@@ -56,7 +51,7 @@ impl VoxelGrid {
     /// [`Error::OutOfRange`] unless `leaf` is from 1 mm to 1 km.
     pub fn new(leaf: f32) -> Result<Self, Error> {
         check::in_range("leaf", f64::from(leaf), 0.001, 1000.0)?;
-        Ok(Self { leaf, slots: Vec::new(), sums: Vec::new() })
+        Ok(Self { leaf, table: CellTable::default(), sums: Vec::new() })
     }
 
     /// Size of the cubes, in metres.
@@ -72,17 +67,14 @@ impl VoxelGrid {
         let mut ring = restart(&mut out.ring, cloud.ring.as_ref());
         let mut time = restart(&mut out.time, cloud.time.as_ref());
         self.sums.clear();
-        self.slots.fill(Slot { key: FREE, voxel: 0 });
-        if self.slots.is_empty() {
-            self.grow();
-        }
+        self.table.clear();
         let per_leaf = 1.0 / self.leaf;
         // Neighbouring points of a scan line mostly share a voxel: the last one is tried before the table.
-        let (mut last_key, mut last_voxel) = (FREE, 0);
+        let (mut last_key, mut last_voxel) = (NO_KEY, 0);
         for (index, ((&x, &y), &z)) in cloud.x.iter().zip(&cloud.y).zip(&cloud.z).enumerate() {
             let Some(key) = pack(x * per_leaf, y * per_leaf, z * per_leaf) else { continue };
             if key != last_key {
-                (last_key, last_voxel) = (key, self.voxel_of(key));
+                (last_key, last_voxel) = (key, self.table.get_or_insert(key, self.sums.len() as u32) as usize);
             }
             if last_voxel == self.sums.len() {
                 self.sums.push(Sum { first: [x, y, z], ..Sum::default() });
@@ -93,7 +85,7 @@ impl VoxelGrid {
                     to.push(from[index]);
                 }
             }
-            // `voxel_of` gives at most the number of voxels, and that one was pushed just now.
+            // The table gives at most the number of voxels, and that one was pushed just now.
             let sum = &mut self.sums[last_voxel];
             sum.offset[0] += x - sum.first[0];
             sum.offset[1] += y - sum.first[1];
@@ -111,58 +103,20 @@ impl VoxelGrid {
             to.extend(self.sums.iter().map(|s| s.intensity / s.count));
         }
     }
-
-    /// Place of the voxel in the output; the number of voxels so far for a new one, which is then entered.
-    #[inline]
-    fn voxel_of(&mut self, key: u64) -> usize {
-        if 2 * self.sums.len() >= self.slots.len() {
-            self.grow();
-        }
-        let next = self.sums.len() as u32;
-        let slot = find(&mut self.slots, key);
-        if slot.key == FREE {
-            *slot = Slot { key, voxel: next };
-        }
-        slot.voxel as usize
-    }
-
-    /// Doubles the table; it stays at most half full.
-    #[cold]
-    fn grow(&mut self) {
-        let size = (2 * self.slots.len()).max(1 << 12);
-        let before = std::mem::replace(&mut self.slots, vec![Slot { key: FREE, voxel: 0 }; size]);
-        for slot in before.into_iter().filter(|slot| slot.key != FREE) {
-            *find(&mut self.slots, slot.key) = slot;
-        }
-    }
-}
-
-/// The slot that holds the key, or the free one where it belongs. The table has a power of two slots, at least half of
-/// them free.
-#[inline]
-fn find(slots: &mut [Slot], key: u64) -> &mut Slot {
-    let mask = slots.len() - 1;
-    // Fibonacci hashing (Knuth, vol. 3, section 6.4): the high bits of the product are well mixed.
-    let mut at = (key.wrapping_mul(0x9e37_79b9_7f4a_7c15) >> 32) as usize & mask;
-    while slots[at].key != key && slots[at].key != FREE {
-        at = (at + 1) & mask;
-    }
-    &mut slots[at]
 }
 
 /// Three voxel indices of 21 bits; `None` out of reach, and for NaN.
 #[inline]
 fn pack(x: f32, y: f32, z: f32) -> Option<u64> {
-    // `floor` is a library call below SSE4.1: the cast rounds towards zero, which is one too many below zero.
+    // In `f32`: as `cells::floor`, without a conversion.
     let floor = |v: f32| {
         let whole = v as i32;
-        i64::from(whole) - i64::from((whole as f32) > v)
+        whole - i32::from((whole as f32) > v)
     };
     if !(x.abs() < REACH && y.abs() < REACH && z.abs() < REACH) {
         return None;
     }
-    let bits = |v: f32| (floor(v) + (1 << 20)) as u64;
-    Some(bits(x) << 42 | bits(y) << 21 | bits(z))
+    Some(pack_within([floor(x), floor(y), floor(z)]))
 }
 
 /// Empties an optional channel of the output, or makes it absent as it is in the input.

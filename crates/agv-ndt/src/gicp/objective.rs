@@ -6,7 +6,7 @@
 
 use super::params::{PointMetric, PointParams};
 use super::surface::{FLATNESS, Surface, SurfaceVoxels, flat};
-use crate::registration::{Facing, Objective, PointDerivatives, Quadratic, quadratic::MotionSums};
+use crate::registration::{Facing, MotionSums, Objective, PointDerivatives, Quadratic};
 use agv_core::{
     compute::{CHUNK, Par},
     geometry::Se3,
@@ -32,6 +32,13 @@ struct Paired {
     normal: Vector3<f64>,
 }
 
+impl Paired {
+    /// Distance along the normal; that of the points where there is none.
+    fn distance(&self) -> f64 {
+        if self.normal == Vector3::zeros() { self.offset.norm() } else { self.normal.dot(&self.offset).abs() }
+    }
+}
+
 /// What the pairs of a pose amount to.
 pub(super) struct PairFit {
     pub(super) inlier_ratio: f64,
@@ -42,7 +49,8 @@ impl PairObjective<'_> {
     fn pair(&self, pose: &Se3, rotation: &Matrix3<f64>, index: usize) -> Option<Paired> {
         let y = rotation * self.source.points[index].cast::<f64>();
         let x = y + pose.translation();
-        let own = rotation * self.source.normals[index].cast::<f64>();
+        // Unknown where the metric has no use for it.
+        let own = self.source.normals.get(index).map_or_else(Vector3::zeros, |normal| rotation * normal.cast::<f64>());
         if self.params.metric == PointMetric::Voxelized {
             let voxel = self.voxels.at(&x)?;
             let weight = (voxel.covariance + flat(&own)).try_inverse()?;
@@ -65,7 +73,7 @@ impl PairObjective<'_> {
             for index in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
                 let Some(pair) = self.pair(pose, &rotation, index) else { continue };
                 facing.add(&pair.y, &(pair.normal * pair.normal.transpose()));
-                inliers += usize::from(pair.normal.dot(&pair.offset).abs() <= self.params.inlier_distance);
+                inliers += usize::from(pair.distance() <= self.params.inlier_distance);
             }
             (facing, inliers)
         };
@@ -92,7 +100,7 @@ impl Objective for PairObjective<'_> {
             sums
         };
         let sums = self.par.map_reduce(count.div_ceil(CHUNK), chunk, MotionSums::merged).unwrap_or_default();
-        let mut quadratic = sums.quadratic(pose, 0.0);
+        let mut quadratic = sums.quadratic(pose);
         let share = 1.0 / quadratic.matches.max(1) as f64;
         quadratic.cost *= share;
         quadratic.gradient *= share;

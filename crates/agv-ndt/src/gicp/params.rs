@@ -34,7 +34,8 @@ pub struct PointParams {
     pub freedom: Freedom,
     /// When to stop.
     pub descent: DescentParams,
-    /// Distance from the target's plane up to which a pair is an inlier, in metres.
+    /// Distance up to which a pair is an inlier, in metres: from the target's plane, or from the source's where the metric is
+    /// [`Voxelized`](PointMetric::Voxelized); between the points where that has no normal.
     pub inlier_distance: f64,
     /// Share of inliers below which a result is [`PoorFit`](agv_core::roles::Termination::PoorFit).
     pub min_inlier_ratio: f64,

@@ -23,6 +23,14 @@ pub(super) struct Surface {
 }
 
 impl Surface {
+    /// Takes the finite points of a cloud, without their normals and tree; the memory is used again.
+    pub(super) fn rebuild_points(&mut self, cloud: &(impl PointSource + ?Sized)) {
+        self.points.clear();
+        self.normals.clear();
+        let finite = |point: &Vector3<f32>| point.iter().all(|v| v.is_finite());
+        self.points.extend((0..cloud.len()).map(|index| cloud.point(index)).filter(finite));
+    }
+
     /// Takes the finite points of a cloud; the memory is used again.
     pub(super) fn rebuild(
         &mut self,
@@ -30,9 +38,7 @@ impl Surface {
         normals: &NormalParams,
         par: Par,
     ) -> Result<(), Error> {
-        self.points.clear();
-        let finite = |point: &Vector3<f32>| point.iter().all(|v| v.is_finite());
-        self.points.extend((0..cloud.len()).map(|index| cloud.point(index)).filter(finite));
+        self.rebuild_points(cloud);
         self.tree.rebuild(self.points.as_slice());
         normals.estimate_into(self.points.as_slice(), &self.tree, par, &mut self.normals)
     }

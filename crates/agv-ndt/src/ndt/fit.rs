@@ -1,7 +1,7 @@
 //! How well a cloud fits at a pose, and which directions it fixes.
 //!
-//! A point's nearest distribution is the one of the least squared Mahalanobis distance `m`. A point is an inlier if a true one
-//! would be as far in 95 of 100 cases.
+//! A point's nearest distribution is the one of the least squared Mahalanobis distance `m`. A point is an inlier if it is
+//! no farther than 95 of 100 points of the distribution itself.
 //!
 //! Which directions are fixed is a question of surfaces: a distribution in a wall pulls along the wall too, towards the middle
 //! of its voxel, and so the Hessian of a long corridor seems to know the place along it. Each point therefore counts with its
@@ -10,7 +10,7 @@
 
 use super::kernel::{Block, CHUNK, Frame, LANES, Moved, turn};
 use super::objective::ScoreObjective;
-use super::search::{MAX_BLOCKS, UNKNOWN, gather};
+use super::search::MAX_BLOCKS;
 use crate::cells::pack;
 use crate::registration::Facing;
 use agv_core::geometry::Se3;
@@ -89,13 +89,7 @@ impl ScoreObjective<'_> {
             let Some(key) = pack(cell) else { continue };
             let y = [moved.y[0][i], moved.y[1][i], moved.y[2][i]];
             let number = self.surroundings.number(key);
-            let blocks = if number == UNKNOWN {
-                own.fill(Block::default());
-                gather(self.level, self.search, self.surroundings.origin, cell, &mut own[..self.search.blocks()]);
-                &own[..self.search.blocks()]
-            } else {
-                self.surroundings.blocks(number, self.search)
-            };
+            let blocks = self.surroundings.blocks_or_own(self.level, self.search, (cell, number), &mut own);
             let nearest = nearest(frame, y, blocks);
             let Some((distance, block, lane)) = nearest else { continue };
             sums.matches += 1;

@@ -21,10 +21,10 @@ pub(crate) const STEPS: f64 = 65_536.0;
 
 /// Sums over the points of one voxel; adding two is exact, and so associative to the bit.
 ///
-/// Offsets from the voxel's corner are counted in 2⁻¹⁶ voxels: products are below 2³², so that 2³² points fit. The sums stop
-/// there, all together.
+/// Offsets from the voxel's corner are counted in 2⁻¹⁶ voxels: products are below 2³², so that 2³² - 1 points fit into 64 bits.
+/// The sums stop there, all together.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize), serde(try_from = "RawSums"))]
 pub struct VoxelSums {
     count: u32,
     linear: [u64; 3],
@@ -42,11 +42,12 @@ impl VoxelSums {
     pub fn merge(&mut self, other: &Self) {
         if let Some(count) = self.count.checked_add(other.count) {
             self.count = count;
+            // As many points fit.
             for (own, theirs) in self.linear.iter_mut().zip(other.linear) {
-                *own = own.saturating_add(theirs);
+                *own += theirs;
             }
             for (own, theirs) in self.products.iter_mut().zip(other.products) {
-                *own = own.saturating_add(theirs);
+                *own += theirs;
             }
         }
     }
@@ -66,53 +67,93 @@ impl VoxelSums {
         }
     }
 
-    /// The sums of the same points from a corner that is `shift` voxels before this one, in every direction.
-    pub(crate) fn shifted(&self, shift: [u64; 3]) -> Self {
-        let n = u64::from(self.count);
-        let [x, y, z] = self.linear;
+    /// Mean, and scatter `Σ (p - mean)(p - mean)ᵀ`, in voxels from the corner; none without points.
+    pub(crate) fn moments(&self) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+        moments(self.count, self.linear, self.products.map(u128::from))
+    }
+}
+
+/// Sums over the points of several voxels, from the corner of the lowest: offsets are up to 2⁶ voxels and 2³² - 1 points below
+/// 2⁵⁴ in sum, their products below 2⁷⁶. More points are left out, voxel by voxel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub(crate) struct WideSums {
+    count: u32,
+    linear: [u64; 3],
+    products: [u128; 6],
+}
+
+/// Most doublings of a voxel's edge that [`WideSums`] are for.
+pub(crate) const MAX_DOUBLINGS: u32 = 6;
+
+impl WideSums {
+    /// Points in the voxels.
+    pub(crate) const fn count(&self) -> u32 {
+        self.count
+    }
+
+    /// Adds all points of a voxel whose corner is `shift` voxels from the lowest one's, less than 2⁶ in every direction.
+    pub(crate) fn add(&mut self, sums: &VoxelSums, shift: [u64; 3]) {
+        let Some(count) = self.count.checked_add(sums.count) else { return };
+        self.count = count;
+        let n = u64::from(sums.count);
+        let [x, y, z] = sums.linear;
         let [a, b, c] = shift.map(|voxels| voxels * STEPS as u64);
-        let [xx, xy, xz, yy, yz, zz] = self.products;
-        Self {
-            count: self.count,
-            linear: [x + a * n, y + b * n, z + c * n],
-            products: [
-                xx + 2 * a * x + a * a * n,
-                xy + a * y + b * x + a * b * n,
-                xz + a * z + c * x + a * c * n,
-                yy + 2 * b * y + b * b * n,
-                yz + b * z + c * y + b * c * n,
-                zz + 2 * c * z + c * c * n,
-            ],
+        let moved = [x + a * n, y + b * n, z + c * n];
+        for (own, theirs) in self.linear.iter_mut().zip(moved) {
+            *own += theirs;
+        }
+        // Σ (x + a)(y + b) = Σ xy + a Σ y + b Σ (x + a)
+        let product = |sum: u64, a: u64, y: u64, b: u64, moved_x: u64| {
+            u128::from(sum) + u128::from(a) * u128::from(y) + u128::from(b) * u128::from(moved_x)
+        };
+        let [xx, xy, xz, yy, yz, zz] = sums.products;
+        let [x_moved, y_moved, z_moved] = moved;
+        let theirs = [
+            product(xx, a, x, a, x_moved),
+            product(xy, a, y, b, x_moved),
+            product(xz, a, z, c, x_moved),
+            product(yy, b, y, b, y_moved),
+            product(yz, b, z, c, y_moved),
+            product(zz, c, z, c, z_moved),
+        ];
+        for (own, theirs) in self.products.iter_mut().zip(theirs) {
+            *own += theirs;
         }
     }
 
-    /// Mean, and scatter `Σ (p - mean)(p - mean)ᵀ`, in voxels from the corner; none without points.
+    /// As [`VoxelSums::moments`].
     pub(crate) fn moments(&self) -> Option<(Vector3<f64>, Matrix3<f64>)> {
-        let n = i128::from(self.count);
-        if n == 0 {
-            return None;
-        }
-        let scale = 1.0 / (n as f64 * STEPS * STEPS);
-        let [x, y, z] = self.linear;
-        let [xx, xy, xz, yy, yz, zz] = self.products;
-        // n Σ xy - Σ x Σ y is exact in integers, where the difference of rounded sums would cancel. All products are at most the
-        // greatest n Σ xx (Cauchy), which mostly needs 64 bits alone.
-        let bits = |value: u64| u64::BITS - value.leading_zeros();
-        let short = bits(u64::from(self.count)) + bits(xx.max(yy).max(zz)) < u64::BITS - 1;
-        let scatter = |sum: u64, a: u64, b: u64| {
-            let difference = if short {
-                (i64::from(self.count) * sum as i64 - a as i64 * b as i64) as f64
-            } else {
-                (n * i128::from(sum) - i128::from(a) * i128::from(b)) as f64
-            };
-            difference * scale
-        };
-        let (xy, xz, yz) = (scatter(xy, x, y), scatter(xz, x, z), scatter(yz, y, z));
-        let matrix = Matrix3::new(scatter(xx, x, x), xy, xz, xy, scatter(yy, y, y), yz, xz, yz, scatter(zz, z, z));
-        // A point lies somewhere in its step: half a step on average.
-        let mean = Vector3::new(x as f64, y as f64, z as f64) / (n as f64 * STEPS) + Vector3::repeat(0.5 / STEPS);
-        Some((mean, matrix))
+        moments(self.count, self.linear, self.products)
     }
+}
+
+/// Mean, and scatter `Σ (p - mean)(p - mean)ᵀ`, in voxels from the corner; none without points.
+#[inline]
+fn moments(count: u32, [x, y, z]: [u64; 3], products: [u128; 6]) -> Option<(Vector3<f64>, Matrix3<f64>)> {
+    let n = i128::from(count);
+    if n == 0 {
+        return None;
+    }
+    let scale = 1.0 / (n as f64 * STEPS * STEPS);
+    // n Σ xy - Σ x Σ y is exact in integers, where the difference of rounded sums would cancel: both are below 2¹⁰⁹, and mostly
+    // below 2⁶³.
+    let bits = |value: u128| u128::BITS - value.leading_zeros();
+    let (most, furthest) = (products.iter().fold(0, |a, &b| a | b), u128::from(x | y | z));
+    let short = bits(n as u128) + bits(most) < u64::BITS && 2 * bits(furthest) < u64::BITS;
+    let scatter = |sum: u128, a: u64, b: u64| {
+        let difference = if short {
+            (i64::from(count) * sum as i64 - a as i64 * b as i64) as f64
+        } else {
+            (n * sum as i128 - i128::from(a) * i128::from(b)) as f64
+        };
+        difference * scale
+    };
+    let [xx, xy, xz, yy, yz, zz] = products;
+    let (xy, xz, yz) = (scatter(xy, x, y), scatter(xz, x, z), scatter(yz, y, z));
+    let matrix = Matrix3::new(scatter(xx, x, x), xy, xz, xy, scatter(yy, y, y), yz, xz, yz, scatter(zz, z, z));
+    // A point lies somewhere in its step: half a step on average.
+    let mean = Vector3::new(x as f64, y as f64, z as f64) / (n as f64 * STEPS) + Vector3::repeat(0.5 / STEPS);
+    Some((mean, matrix))
 }
 
 /// How the distribution of a voxel is made from its points.
@@ -125,7 +166,7 @@ pub struct VoxelParams {
     pub min_points: u32,
     /// Least ratio of an eigenvalue to the greatest, in (0, 1].
     pub min_eigenvalue_ratio: f64,
-    /// Least standard deviation along any direction, in metres.
+    /// Least standard deviation along any direction, in metres: from 0.1 mm to a voxel's edge.
     pub min_sigma: f64,
 }
 
@@ -144,7 +185,8 @@ impl VoxelParams {
         check::at_least("min_points", self.min_points as usize, 3)?;
         check::positive("min_eigenvalue_ratio", self.min_eigenvalue_ratio)?;
         check::in_range("min_eigenvalue_ratio", self.min_eigenvalue_ratio, 0.0, 1.0)?;
-        check::positive("min_sigma", self.min_sigma)?;
+        // Less than a tenth of a millimetre is more information than `f32` sums hold.
+        check::in_range("min_sigma", self.min_sigma, 1e-4, self.resolution)?;
         Ok(())
     }
 }
@@ -221,21 +263,35 @@ fn inverse(m: &Matrix3<f64>) -> Matrix3<f64> {
     Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) / (m.m11 * xx + m.m21 * xy + m.m31 * xz)
 }
 
+/// Sums as they are stored.
 #[cfg(feature = "serde")]
-impl VoxelSums {
-    /// Refuses sums that no points have: more than every point at the far corner would give, or a negative scatter.
-    pub(crate) fn check(&self) -> Result<(), agv_core::Error> {
-        let (n, most) = (f64::from(self.count), STEPS - 1.0);
-        for &sum in &self.linear {
-            check::in_range("sum of a voxel", sum as f64, 0.0, n * most)?;
-        }
-        for &sum in &self.products {
-            check::in_range("sum of a voxel", sum as f64, 0.0, n * most * most)?;
-        }
-        if let Some((_, scatter)) = self.moments() {
+#[derive(serde::Deserialize)]
+struct RawSums {
+    count: u32,
+    linear: [u64; 3],
+    products: [u64; 6],
+}
+
+/// Refuses sums that no points have: more than every point at the far corner would give, or a negative scatter.
+#[cfg(feature = "serde")]
+impl TryFrom<RawSums> for VoxelSums {
+    type Error = agv_core::Error;
+
+    fn try_from(RawSums { count, linear, products }: RawSums) -> Result<Self, agv_core::Error> {
+        let (n, most) = (u64::from(count), STEPS as u64 - 1);
+        let bounded = |sums: &[u64], max: u64| {
+            let greatest = sums.iter().copied().fold(0, u64::max);
+            // Two numbers that differ may be the same in `f64`.
+            let value = if greatest > max { (greatest as f64).max((max as f64).next_up()) } else { 0.0 };
+            check::in_range("sum of a voxel", value, 0.0, max as f64)
+        };
+        bounded(&linear, n * most)?;
+        bounded(&products, n * most * most)?;
+        let sums = Self { count, linear, products };
+        if let Some((_, scatter)) = sums.moments() {
             check::covariance("scatter of a voxel", &scatter)?;
         }
-        Ok(())
+        Ok(sums)
     }
 }
 
@@ -267,11 +323,29 @@ mod tests {
             prop_assert!((scatter - expected).norm() < 1e-9);
         }
 
-        /// Sums of eight voxels, each from its own corner, are those of one voxel of twice the edge.
+        /// Sums of two voxels, each from its own corner, are those of all points from the first one's.
         #[test]
-        fn shifted_sums_are_those_from_the_common_corner(points in points(), shift in prop::array::uniform3(0..4_u64)) {
-            let moved: Vec<_> = points.iter().map(|p| [0, 1, 2].map(|i| p[i] + shift[i] as u32 * 65_536)).collect();
-            prop_assert_eq!(sums(&points).shifted(shift), sums(&moved));
+        fn wide_sums_are_those_from_the_common_corner(
+            a in points(), b in points(), shift in prop::array::uniform3(0..64_u64), copies in 1..100_000_u32,
+        ) {
+            let mut wide = WideSums::default();
+            let many = |points: &[[u32; 3]]| {
+                let VoxelSums { count, linear, products } = sums(points);
+                let copy = |sum: u64| sum * u64::from(copies);
+                VoxelSums { count: count * copies, linear: linear.map(copy), products: products.map(copy) }
+            };
+            wide.add(&many(&a), [0; 3]);
+            wide.add(&many(&b), shift);
+            let (mean, scatter) = wide.moments().unwrap();
+            let at = |p: &[u32; 3], shift: [u64; 3]| {
+                Vector3::from([0, 1, 2].map(|i| (f64::from(p[i]) + 0.5) / STEPS + shift[i] as f64))
+            };
+            let points: Vec<_> = a.iter().map(|p| at(p, [0; 3])).chain(b.iter().map(|p| at(p, shift))).collect();
+            let expected = points.iter().sum::<Vector3<f64>>() / points.len() as f64;
+            prop_assert_eq!(wide.count() as usize, points.len() * copies as usize);
+            prop_assert!((mean - expected).norm() < 1e-10);
+            let expected: Matrix3<f64> = points.iter().map(|p| (p - expected) * (p - expected).transpose()).sum();
+            prop_assert!((scatter / f64::from(copies) - expected).norm() < 1e-10 * expected.norm());
         }
 
         #[test]
@@ -300,6 +374,32 @@ mod tests {
         }
     }
 
+    /// As many points as are counted, all in the far corner, and one more: neither a wrap nor a negative scatter.
+    #[test]
+    fn full_voxels_neither_wrap_nor_lie() {
+        let (n, most) = (u64::from(u32::MAX), STEPS as u64 - 1);
+        let full = VoxelSums { count: u32::MAX, linear: [n * most; 3], products: [n * most * most; 6] };
+        let mut more = full;
+        more.add([1, 2, 3]);
+        more.merge(&sums(&[[4, 5, 6]]));
+        assert_eq!(more, full);
+        assert_eq!(full.moments().unwrap().1, Matrix3::zeros());
+        let mut wide = WideSums::default();
+        wide.add(&full, [63; 3]);
+        wide.add(&full, [0; 3]);
+        let (mean, scatter) = wide.moments().unwrap();
+        assert_eq!((wide.count(), scatter), (u32::MAX, Matrix3::zeros()));
+        assert!((mean - Vector3::repeat(64.0)).norm() < 1e-4);
+        // Half of as many at either end.
+        let half = VoxelSums { count: 1 << 31, linear: [0; 3], products: [0; 6] };
+        let mut ends = WideSums::default();
+        ends.add(&half, [0; 3]);
+        ends.add(&VoxelSums { count: u32::MAX >> 1, ..half }, [63; 3]);
+        let expected = 63.0 * 63.0 * 0.25 * f64::from(u32::MAX);
+        let (_, scatter) = ends.moments().unwrap();
+        assert!(scatter.iter().all(|entry| (entry / expected - 1.0).abs() < 1e-9), "{scatter}");
+    }
+
     #[test]
     fn degenerate_covariances_become_the_least_one() {
         for matrix in [Matrix3::zeros(), Matrix3::identity() * 1e-12] {
@@ -320,6 +420,8 @@ mod tests {
             VoxelParams { min_eigenvalue_ratio: 0.0, ..good },
             VoxelParams { min_eigenvalue_ratio: 1.1, ..good },
             VoxelParams { min_sigma: 0.0, ..good },
+            VoxelParams { min_sigma: 9e-5, ..good },
+            VoxelParams { min_sigma: 1.1, ..good },
             VoxelParams { min_sigma: f64::INFINITY, ..good },
         ] {
             assert!(bad.validate().is_err(), "{bad:?}");

@@ -19,7 +19,8 @@
 
 use super::mixture::Mixture;
 use super::search::VoxelSearch;
-use crate::registration::quadratic::{MotionSums, SUMS};
+use crate::registration::MotionSums;
+use crate::registration::quadratic::SUMS;
 use agv_core::geometry::Se3;
 use nalgebra::Vector3;
 
@@ -163,9 +164,9 @@ impl LaneSums {
     }
 
     /// The sum of the lanes.
-    pub(crate) fn total(&self) -> MotionSums {
+    pub(crate) fn total(&self, frame: &Frame) -> MotionSums {
         let sums = self.lanes.map(|lane| lane.iter().map(|&value| f64::from(value)).sum());
-        MotionSums { sums, matches: self.matches }
+        MotionSums { sums, matches: self.matches }.with_bend(f64::from(frame.curvature))
     }
 }
 

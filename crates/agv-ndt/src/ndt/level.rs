@@ -1,8 +1,8 @@
 //! The distributions of a map in voxels of its resolution or a power of two of it, laid out for look-ups.
 
-use super::gaussian::VoxelSums;
-use super::map::NdtMap;
-use crate::cells::{CellTable, pack_within};
+use super::gaussian::WideSums;
+use super::map::{Moments, NdtMap};
+use crate::cells::{CellTable, pack, pack_within};
 
 /// A distribution as the inner loop wants it: one cache line.
 #[derive(Debug, Clone, Copy, Default)]
@@ -23,13 +23,13 @@ pub(crate) struct Level {
     /// Buffers of the merge.
     merged: CellTable,
     cells: Vec<[i32; 3]>,
-    sums: Vec<VoxelSums>,
+    sums: Vec<WideSums>,
 }
 
 impl Level {
-    /// Takes the distributions of a map in voxels of `2^doublings` times its resolution; the memory is used again. The sums are
-    /// merged exactly, so that the result does not depend on the order in which the map met its voxels, but for the order of the
-    /// list.
+    /// Takes the distributions of a map in voxels of `2^doublings` times its resolution, six doublings at most; the memory is used
+    /// again. The sums are merged exactly, so that the result does not depend on the order in which the map met its voxels, but for
+    /// the order of the list.
     pub(crate) fn rebuild(&mut self, map: &NdtMap, doublings: u32) {
         let unit = map.params().resolution;
         self.edge = unit * f64::from(1_u32 << doublings);
@@ -37,7 +37,7 @@ impl Level {
         self.voxels.clear();
         if doublings == 0 {
             for (cell, sums) in map.voxels() {
-                push(&mut self.table, &mut self.voxels, map, cell, sums);
+                push(&mut self.table, &mut self.voxels, cell, map.distribution(sums.count(), || sums.moments(), unit));
             }
             return;
         }
@@ -51,24 +51,24 @@ impl Level {
             let index = self.merged.get_or_insert(pack_within(coarse), next);
             if index == next {
                 self.cells.push(coarse);
-                self.sums.push(VoxelSums::default());
+                self.sums.push(WideSums::default());
             }
-            self.sums[index as usize].merge(&sums.shifted(shift));
+            self.sums[index as usize].add(sums, shift);
         }
         for (cell, sums) in self.cells.iter().zip(&self.sums) {
-            push(&mut self.table, &mut self.voxels, map, *cell, sums);
+            push(&mut self.table, &mut self.voxels, *cell, map.distribution(sums.count(), || sums.moments(), unit));
         }
     }
 
-    /// The distribution of a voxel.
+    /// The distribution of a voxel; `None` out of reach.
     #[inline]
     pub(crate) fn get(&self, cell: [i32; 3]) -> Option<&Voxel> {
-        self.voxels.get(self.table.get(pack_within(cell))? as usize)
+        self.voxels.get(self.table.get(pack(cell)?)? as usize)
     }
 }
 
-fn push(table: &mut CellTable, voxels: &mut Vec<Voxel>, map: &NdtMap, cell: [i32; 3], sums: &VoxelSums) {
-    let Some(moments) = map.distribution(sums, map.params().resolution) else { return };
+fn push(table: &mut CellTable, voxels: &mut Vec<Voxel>, cell: [i32; 3], moments: Option<Moments>) {
+    let Some(moments) = moments else { return };
     let i = &moments.information;
     table.get_or_insert(pack_within(cell), voxels.len() as u32);
     voxels.push(Voxel {

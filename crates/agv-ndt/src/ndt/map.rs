@@ -2,7 +2,11 @@
 
 use super::gaussian::{Gaussian3, STEPS, VoxelParams, VoxelSums, regularized};
 use crate::Error;
+#[cfg(feature = "serde")]
+use crate::cells::REACH;
 use crate::cells::{CellTable, floor, pack, pack_within};
+#[cfg(feature = "serde")]
+use agv_core::check;
 use agv_core::{
     geometry::{LieGroup, Se3},
     sensors::PointSource,
@@ -54,11 +58,16 @@ impl TryFrom<RawMap> for NdtMap {
 
     fn try_from(raw: RawMap) -> Result<Self, Error> {
         let mut map = Self::new(raw.params)?;
-        for (cell, sums) in raw.voxels {
-            sums.check()?;
-            if let Some(slot) = map.voxel_mut(cell) {
-                slot.merge(&sums);
+        for (number, (cell, sums)) in raw.voxels.into_iter().enumerate() {
+            check::at_least("points of a stored voxel", sums.count() as usize, 1)?;
+            for index in cell {
+                check::in_range("index of a stored voxel", f64::from(index), f64::from(-REACH), f64::from(REACH - 1))?;
             }
+            if let Some(slot) = map.voxel_mut(cell) {
+                *slot = sums;
+            }
+            // One that was there already is none the more.
+            check::length("voxels that differ", map.len(), number + 1)?;
         }
         Ok(map)
     }
@@ -84,7 +93,7 @@ impl NdtMap {
     ///
     /// # Errors
     /// A resolution that is not from 1 cm to 1 km, fewer than 3 points a voxel, a ratio outside (0, 1], or a `min_sigma` that is
-    /// not positive.
+    /// not from 0.1 mm to the resolution.
     pub fn new(params: VoxelParams) -> Result<Self, Error> {
         params.validate()?;
         Ok(Self { params, table: CellTable::default(), cells: Vec::new(), sums: Vec::new() })
@@ -199,7 +208,8 @@ impl NdtMap {
 
     /// The distribution of a voxel; `None` with too few points.
     pub fn gaussian(&self, cell: [i32; 3]) -> Option<Gaussian3> {
-        let moments = self.distribution(self.sums(cell)?, self.params.resolution)?;
+        let sums = self.sums(cell)?;
+        let moments = self.distribution(sums.count(), || sums.moments(), self.params.resolution)?;
         let corner = Vector3::from(cell.map(f64::from)) * self.params.resolution;
         Some(Gaussian3 {
             mean: corner + moments.mean,
@@ -208,13 +218,18 @@ impl NdtMap {
         })
     }
 
-    /// The distribution of sums that count in voxels of `unit` metres, its mean from their corner.
-    pub(super) fn distribution(&self, sums: &VoxelSums, unit: f64) -> Option<Moments> {
-        if sums.count() < self.params.min_points {
+    /// The distribution of `count` points with these mean and scatter, in voxels of `unit` metres; its mean is from their corner.
+    pub(super) fn distribution(
+        &self,
+        count: u32,
+        moments: impl FnOnce() -> Option<(Vector3<f64>, Matrix3<f64>)>,
+        unit: f64,
+    ) -> Option<Moments> {
+        if count < self.params.min_points {
             return None;
         }
-        let (mean, scatter) = sums.moments()?;
-        let raw = scatter * (unit * unit / (f64::from(sums.count()) - 1.0));
+        let (mean, scatter) = moments()?;
+        let raw = scatter * (unit * unit / (f64::from(count) - 1.0));
         let (covariance, information) =
             regularized(&raw, self.params.min_eigenvalue_ratio, self.params.min_sigma.powi(2));
         Some(Moments { mean: mean * unit, covariance, information })

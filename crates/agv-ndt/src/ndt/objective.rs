@@ -3,7 +3,7 @@
 use super::kernel::{Block, CHUNK, Frame, LaneSums, Moved, accumulate, turn};
 use super::level::Level;
 use super::mixture::Mixture;
-use super::search::{MAX_BLOCKS, Surroundings, UNKNOWN, VoxelSearch, gather};
+use super::search::{MAX_BLOCKS, Surroundings, UNKNOWN, VoxelSearch};
 use crate::cells::{floor, pack, unpack};
 use crate::registration::{Objective, Quadratic, quadratic::MotionSums};
 use agv_core::{compute::Par, geometry::Se3, sensors::PointSource};
@@ -72,6 +72,8 @@ impl SourcePoints {
 
     /// No point has a voxel yet.
     fn forget(&mut self) {
+        self.key.clear();
+        self.block.clear();
         self.key.resize(self.x.len(), NO_KEY);
         self.block.resize(self.x.len(), UNKNOWN);
     }
@@ -162,7 +164,7 @@ impl Objective for ScoreObjective<'_> {
         if unknown * MAX_UNKNOWN > self.source.len() {
             self.look_again();
         }
-        sums.quadratic(pose, self.curvature)
+        sums.quadratic(pose)
     }
 }
 
@@ -197,15 +199,9 @@ impl pulp::NullaryFnOnce for Chunk<'_> {
                 (*key, *block) = (packed, surroundings.number(packed));
             }
             let y = [moved.y[0][i], moved.y[1][i], moved.y[2][i]];
-            let blocks = if *block == UNKNOWN {
-                // Not seen from where the search began: made for this point alone.
-                unknown += 1;
-                own.fill(Block::default());
-                gather(level, search, surroundings.origin, cell, &mut own[..search.blocks()]);
-                &own[..search.blocks()]
-            } else {
-                surroundings.blocks(*block, search)
-            };
+            // Not seen from where the search began: made for this point alone.
+            unknown += usize::from(*block == UNKNOWN);
+            let blocks = surroundings.blocks_or_own(level, search, (cell, *block), &mut own);
             if blocks.first().is_none_or(Block::is_empty) {
                 continue;
             }
@@ -214,7 +210,7 @@ impl pulp::NullaryFnOnce for Chunk<'_> {
                 accumulate(frame, y, block, &mut sums);
             }
         }
-        (sums.total(), unknown)
+        (sums.total(frame), unknown)
     }
 }
 

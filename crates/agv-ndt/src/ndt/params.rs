@@ -1,6 +1,9 @@
 //! What a registration by normal distributions may be told.
 
-use super::{gaussian::VoxelParams, search::VoxelSearch};
+use super::{
+    gaussian::{MAX_DOUBLINGS, VoxelParams},
+    search::VoxelSearch,
+};
 use crate::registration::{DescentParams, Freedom, Optimizer};
 use agv_core::{Error, check};
 
@@ -34,9 +37,10 @@ pub struct NdtParams {
 }
 
 impl Default for NdtParams {
-    /// Two coarse levels (4 m and 2 m), from which every guess within 2 m and 20° was found on the recorded pairs that were tried. A
-    /// share of outliers of 0.3 and not PCL's 0.55: the score is sharper, and was closer to the reference on most of seven pairs. On
-    /// those pairs right poses have inliers of 0.63 to 0.82, and wrong ones, from 180 guesses 2 to 10 m off, at most 0.52.
+    /// Two coarse levels (4 m and 2 m), from which every guess within 2 m and 20° was found on three recorded pairs. A share of
+    /// outliers of 0.3 and not PCL's 0.55: the score is sharper, and was closer to the reference on six of seven pairs. On those pairs
+    /// right poses have inliers of 0.64 to 0.81, and wrong ones, from 182 guesses 2 to 10 m off, at most 0.50
+    /// (`docs/experiments.md`).
     fn default() -> Self {
         Self {
             voxels: VoxelParams::default(),
@@ -58,7 +62,7 @@ impl NdtParams {
     pub(super) fn validate(&self) -> Result<(), Error> {
         self.voxels.validate()?;
         self.descent.validate()?;
-        check::in_range("coarse_levels", f64::from(self.coarse_levels), 0.0, 6.0)?;
+        check::in_range("coarse_levels", f64::from(self.coarse_levels), 0.0, f64::from(MAX_DOUBLINGS))?;
         check::in_range("outlier_ratio", self.outlier_ratio, 0.001, 0.999)?;
         check::in_range("min_inlier_ratio", self.min_inlier_ratio, 0.0, 1.0)?;
         check::positive("min_facing_share", self.min_facing_share)?;

@@ -43,8 +43,8 @@ pub struct NdtReport {
 /// Aligns clouds with a map of normal distributions (Magnusson 2009).
 ///
 /// Thin the source out to a point per quarter of a voxel's edge or so, and give the target more: [`VoxelGrid`] does both. The
-/// result has the same bits for any number of threads. An alignment allocates nothing once the buffers have met clouds of that
-/// size.
+/// result has the same bits for any number of threads. An alignment allocates nothing once the buffers have met as many
+/// points, around as many voxels, as they meet this time.
 ///
 /// The [`Alignment`]'s score is that per point; its information is the Hessian of Gauss and Newton along the directions that are
 /// observed. It knows nothing of errors that neighbouring points share: on recorded pairs poses differ from references by some
@@ -209,16 +209,16 @@ impl NdtRegistration {
     /// that turned out to be free, if that is asked for.
     fn search(&mut self, guess: &Se3) -> (Alignment<Se3>, NdtReport) {
         let (all, nothing) = (self.levels.len(), Matrix6::zeros());
-        let (mut result, mut report) = self.descend(guess, all, &nothing);
+        let Outcome { mut result, mut report, mut still_free } = self.descend(guess, all, &nothing);
         for _ in 0..self.params.restarts {
             if !matches!(result.termination, Termination::IterationLimit | Termination::Stalled | Termination::PoorFit)
             {
                 break;
             }
-            let (again, its_report) = self.descend(&result.target_from_source, all, &nothing);
-            let iterations = result.iterations + again.iterations;
-            if again.inlier_ratio > result.inlier_ratio || again.converged() {
-                (result, report) = (again, its_report);
+            let again = self.descend(&result.target_from_source, all, &nothing);
+            let iterations = result.iterations + again.result.iterations;
+            if again.result.inlier_ratio > result.inlier_ratio || again.result.converged() {
+                Outcome { result, report, still_free } = again;
             }
             result.iterations = iterations;
         }
@@ -226,16 +226,19 @@ impl NdtRegistration {
             // What is known of the pose is kept, and the guess's place along the rest (Zhang, Kaess and Singh 2016).
             let (pose, free) = (result.target_from_source, self.params.freedom.projector(guess));
             let held = free * result.unobserved * free;
-            let (again, its_report) = self.descend(&pose.plus(&(held * guess.minus(&pose))), 1, &held);
-            let iterations = result.iterations + again.iterations;
-            (result, report) = (again, its_report);
-            result.iterations = iterations;
+            let iterations = result.iterations;
+            Outcome { result, report, still_free } = self.descend(&pose.plus(&(held * guess.minus(&pose))), 1, &held);
+            result.iterations += iterations;
+        }
+        // Nothing may improve where nothing holds the pose.
+        if result.termination == Termination::Stalled && still_free {
+            result.termination = Termination::Degenerate;
         }
         (result, report)
     }
 
     /// Through the finest `levels` levels, from the coarsest of them, without a step along the directions of the projector `held`.
-    fn descend(&mut self, guess: &Se3, levels: usize, held: &Matrix6<f64>) -> (Alignment<Se3>, NdtReport) {
+    fn descend(&mut self, guess: &Se3, levels: usize, held: &Matrix6<f64>) -> Outcome {
         let params = self.params;
         let free = params.freedom.projector(guess);
         let keep = (Matrix6::identity() - held) * free * (Matrix6::identity() - held);
@@ -250,48 +253,68 @@ impl NdtRegistration {
             }
         }
         // There is a finest level, so that this is not reached.
-        (Alignment::unknown(*guess, Termination::TooFewPoints), NdtReport::default())
+        Outcome::lost(guess, iterations)
     }
 }
 
-/// The result, and the report of a descent on the finest level.
+/// What a descent on the finest level comes to.
+struct Outcome {
+    result: Alignment<Se3>,
+    report: NdtReport,
+    /// Whether a good fit leaves directions free that were not held.
+    still_free: bool,
+}
+
+impl Outcome {
+    /// Nothing was there to be met.
+    fn lost(pose: &Se3, iterations: usize) -> Self {
+        let mut result = Alignment::unknown(*pose, Termination::TooFewPoints);
+        result.iterations = iterations;
+        Self { result, report: NdtReport::default(), still_free: false }
+    }
+}
+
+/// The outcome of a descent on the finest level.
 fn conclude(
     objective: &mut ScoreObjective<'_>,
     params: &NdtParams,
     found: &Descent,
     iterations: usize,
     [free, held]: [&Matrix6<f64>; 2],
-) -> (Alignment<Se3>, NdtReport) {
-    let Descent { pose, quadratic, mut termination, .. } = *found;
-    let mut result = Alignment::unknown(pose, termination);
-    result.iterations = iterations;
+) -> Outcome {
+    let Descent { pose, mut termination, .. } = *found;
+    // The last step may not have been evaluated; and Gauss and Newton's matrix is what an information may be: positive
+    // semi-definite.
+    objective.curvature = 0.0;
+    let last = objective.evaluate(&pose);
     let points = objective.source.len().max(1) as f64;
-    if quadratic.matches == 0 || termination == Termination::TooFewPoints {
-        result.termination = Termination::TooFewPoints;
-        return (result, NdtReport::default());
+    if last.matches == 0 || termination == Termination::TooFewPoints {
+        return Outcome::lost(&pose, iterations);
     }
     let Fit { inlier_ratio, nearest_likelihood, unobserved } = objective.fit(&pose, params.min_facing_share, free);
-    // Gauss and Newton's matrix is what an information may be: positive semi-definite.
-    objective.curvature = 0.0;
-    let information = objective.evaluate(&pose).hessian;
-    let unobserved_count = unobserved.trace().round() as usize;
     let report = NdtReport {
-        transformation_probability: -quadratic.cost / points,
+        transformation_probability: -last.cost / points,
         nearest_likelihood,
-        matched_ratio: quadratic.matches as f64 / points,
-        unobserved_count,
+        matched_ratio: last.matches as f64 / points,
+        unobserved_count: unobserved.trace().round() as usize,
     };
-    let still_free = (unobserved - held).trace() > 0.5;
-    if still_free && matches!(termination, Termination::Converged | Termination::Stalled) {
-        termination = Termination::Degenerate;
-    } else if termination == Termination::Converged && inlier_ratio < params.min_inlier_ratio {
-        termination = Termination::PoorFit;
+    // What explains too little of the source says nothing of directions either.
+    let poor = inlier_ratio < params.min_inlier_ratio;
+    let left = Matrix6::identity() - held;
+    let still_free = !poor && (left * unobserved * left).trace() > 0.5;
+    if termination == Termination::Converged {
+        if poor {
+            termination = Termination::PoorFit;
+        } else if still_free {
+            termination = Termination::Degenerate;
+        }
     }
+    let mut result = Alignment::unknown(pose, termination);
+    result.iterations = iterations;
     result.unobserved = unobserved + (Matrix6::identity() - free);
-    result.information = observed_information::<Se3>(&information, &result.unobserved);
-    (result.score, result.inlier_ratio, result.termination) =
-        (report.transformation_probability, inlier_ratio, termination);
-    (result, report)
+    result.information = observed_information::<Se3>(&last.hessian, &result.unobserved);
+    (result.score, result.inlier_ratio) = (report.transformation_probability, inlier_ratio);
+    Outcome { result, report, still_free }
 }
 
 impl Registration for NdtRegistration {
@@ -302,23 +325,22 @@ impl Registration for NdtRegistration {
     }
 
     fn align(&mut self, source: &dyn PointSource, guess: &Se3) -> Result<Alignment<Se3>, AlignmentError> {
+        self.report = NdtReport::default();
         if self.map.is_empty() {
             return Err(AlignmentError::NoTarget);
         }
         check::all_finite("guess", guess.translation().iter())?;
         check::all_finite("guess", guess.rotation().matrix().iter())?;
-        self.report = NdtReport::default();
         self.source.refill(source);
         if self.source.len() == 0 {
             return Ok(Alignment::unknown(*guess, Termination::TooFewPoints));
         }
         let (result, report) = self.search(guess);
+        if !result.target_from_source.is_finite() {
+            return Ok(Alignment::unknown(*guess, Termination::Stalled));
+        }
         self.report = report;
-        Ok(if result.target_from_source.is_finite() {
-            result
-        } else {
-            Alignment::unknown(*guess, Termination::Stalled)
-        })
+        Ok(result)
     }
 }
 

@@ -2,7 +2,7 @@
 
 use super::kernel::{Block, CHUNK, LANES};
 use super::level::Level;
-use crate::cells::{CellTable, pack};
+use crate::cells::CellTable;
 use agv_core::compute::Par;
 
 /// Which distributions around a point count.
@@ -113,6 +113,24 @@ impl Surroundings {
         self.blocks.get(first..first + count).unwrap_or_default()
     }
 
+    /// The blocks of a voxel, given from the origin, by its number; made in `own` for one that was not entered.
+    #[inline]
+    pub(super) fn blocks_or_own<'a>(
+        &'a self,
+        level: &Level,
+        search: VoxelSearch,
+        (cell, number): ([i32; 3], u32),
+        own: &'a mut [Block; MAX_BLOCKS],
+    ) -> &'a [Block] {
+        if number != UNKNOWN {
+            return self.blocks(number, search);
+        }
+        let own = &mut own[..search.blocks()];
+        own.fill(Block::default());
+        gather(level, search, self.origin, cell, own);
+        own
+    }
+
     /// Enters a voxel, given from the origin, if it is new, and says its number; its blocks are made by [`fill`](Self::fill).
     #[inline]
     pub(super) fn enter(&mut self, cell: [i32; 3], key: u64) -> u32 {
@@ -142,22 +160,12 @@ impl Surroundings {
     }
 }
 
-/// Puts the distributions around a voxel, given from the origin, side by side in empty blocks, as many as the search needs; says
-/// whether there are any.
-pub(super) fn gather(
-    level: &Level,
-    search: VoxelSearch,
-    origin: [i32; 3],
-    cell: [i32; 3],
-    blocks: &mut [Block],
-) -> bool {
+/// Puts the distributions around a voxel, given from the origin, side by side in empty blocks, as many as the search needs.
+fn gather(level: &Level, search: VoxelSearch, origin: [i32; 3], cell: [i32; 3], blocks: &mut [Block]) {
     let mut found = 0;
     for offset in search.offsets() {
         let near = [cell[0] + offset[0], cell[1] + offset[1], cell[2] + offset[2]];
         let absolute = [0, 1, 2].map(|axis| near[axis].saturating_add(origin[axis]));
-        if pack(absolute).is_none() {
-            continue;
-        }
         let Some(voxel) = level.get(absolute) else { continue };
         // As many as the search has at most, so the block exists.
         let (block, lane) = (&mut blocks[found / LANES], found % LANES);
@@ -170,5 +178,4 @@ pub(super) fn gather(
         block.weight[lane] = 1.0;
         found += 1;
     }
-    found > 0
 }

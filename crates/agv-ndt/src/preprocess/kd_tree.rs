@@ -31,6 +31,8 @@ pub const MAX_NEIGHBOURS: usize = 32;
 pub struct KdTree {
     points: Vec<Entry>,
     nodes: Vec<Node>,
+    /// Points of the cloud, with those that are not finite.
+    source_len: usize,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -67,6 +69,7 @@ impl KdTree {
     pub fn rebuild(&mut self, cloud: &(impl PointSource + ?Sized)) {
         self.points.clear();
         self.nodes.clear();
+        self.source_len = cloud.len();
         for index in 0..cloud.len() {
             let point = cloud.point(index);
             if point.iter().all(|v| v.is_finite()) {
@@ -81,6 +84,11 @@ impl KdTree {
         self.points.len()
     }
 
+    /// Points of the cloud that the tree was built of, with those that are not finite: neighbours' indices are below.
+    pub const fn source_len(&self) -> usize {
+        self.source_len
+    }
+
     /// Whether there are no points.
     pub const fn is_empty(&self) -> bool {
         self.points.is_empty()
@@ -92,8 +100,12 @@ impl KdTree {
         (self.nearest_into(query, reach, &mut found) == 1).then_some(found[0])
     }
 
-    /// Writes the nearest points no farther than `reach` metres to `out`, nearest first, and says how many there are.
+    /// Writes the nearest points no farther than `reach` metres to `out`, nearest first, and says how many there are:
+    /// none within a reach that is negative or NaN.
     pub fn nearest_into(&self, query: &Vector3<f32>, reach: f32, out: &mut [Neighbour]) -> usize {
+        if reach.is_nan() || reach < 0.0 {
+            return 0;
+        }
         let mut search = Search { query: (*query).into(), reach: reach * reach, found: 0, out };
         if !self.points.is_empty() && !search.out.is_empty() {
             search.visit(&self.points, &self.nodes, 0);
@@ -219,6 +231,10 @@ mod tests {
         tree.rebuild(&PointCloud::from_points(points));
         assert_eq!((tree.len(), tree.nearest(&Vector3::zeros(), f32::INFINITY).map(|n| n.index)), (1, Some(1)));
         assert_eq!(tree.nearest(&Vector3::repeat(f32::NAN), 9.0), None);
+        assert!(
+            [-2.0, f32::NAN, f32::NEG_INFINITY].iter().all(|&reach| tree.nearest(&Vector3::zeros(), reach).is_none())
+        );
+        assert_eq!(tree.source_len(), 3);
         tree.rebuild(&PointCloud::default());
         assert!(tree.is_empty() && tree.nearest(&Vector3::zeros(), 1.0).is_none());
     }

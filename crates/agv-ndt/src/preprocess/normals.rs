@@ -41,7 +41,7 @@ impl NormalParams {
     /// neighbours or is not finite. The sign is arbitrary. O(n log n), parallel over points.
     ///
     /// # Errors
-    /// Fewer neighbours than 4 or more than 32, or a radius that is not positive.
+    /// Fewer neighbours than 4 or more than 32, a radius that is not positive, or a tree of a cloud of another length.
     pub fn estimate_into(
         &self,
         cloud: &(impl PointSource + ?Sized),
@@ -50,6 +50,7 @@ impl NormalParams {
         out: &mut Vec<Vector3<f32>>,
     ) -> Result<(), Error> {
         self.validate()?;
+        check::length("points of the tree's cloud", tree.source_len(), cloud.len())?;
         out.clear();
         out.resize(cloud.len(), Vector3::zeros());
         par.for_each_chunk(out.as_mut_slice(), CHUNK, |chunk, normals| {
@@ -100,6 +101,17 @@ mod tests {
         assert!(out[..100].iter().all(|n| n.dot(&normal).abs() > 0.9999));
         assert!(out[100..].iter().all(|n| *n == Vector3::zeros()));
         assert_eq!(out, again);
+    }
+
+    #[test]
+    fn a_tree_of_another_cloud_is_refused() {
+        let cloud = |len: u8| PointCloud::from_points((0..len).map(|i| Vector3::new(f32::from(i), 0.0, 0.0)));
+        let (mut tree, mut out) = (KdTree::default(), vec![Vector3::x()]);
+        for len in [0, 19, 21] {
+            tree.rebuild(&cloud(len));
+            assert!(NormalParams::default().estimate_into(&cloud(20), &tree, Par::Seq, &mut out).is_err(), "{len}");
+            assert_eq!(out, [Vector3::x()]);
+        }
     }
 
     #[test]

@@ -64,8 +64,13 @@ impl DescentParams {
 
     /// The factor, at most 1, that keeps a step within its bounds.
     pub(super) fn limit(&self, step: &Vector6<f64>) -> f64 {
+        self.reach(step).min(1.0)
+    }
+
+    /// How many times the step fits within its bounds.
+    pub(super) fn reach(&self, step: &Vector6<f64>) -> f64 {
         let (translation, rotation) = lengths(step);
-        (self.max_translation / translation).min(self.max_rotation / rotation).min(1.0)
+        (self.max_translation / translation).min(self.max_rotation / rotation)
     }
 }
 
@@ -77,9 +82,10 @@ fn lengths(step: &Vector6<f64>) -> (f64, f64) {
 /// Where a descent ended.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Descent {
-    /// The pose of least cost that was met.
+    /// The last pose; with damped steps and with a line search the one of least cost that was met. A last step below the tolerances
+    /// is in it.
     pub pose: Se3,
-    /// The cost there, or one step below the tolerances before.
+    /// The cost there, or, if a last step was below the tolerances, before it: such a step is taken and not evaluated.
     pub quadratic: Quadratic,
     /// Evaluations.
     pub iterations: usize,

@@ -28,16 +28,16 @@ impl Facing {
     }
 
     /// Projector onto the directions, among those of the projector `free`, that less than `min_share` of the points face: their
-    /// eigenvalues are shares, rotations at an arm of 2 m or the points' mean distance (Zhang, Kaess and Singh 2016, with a
+    /// eigenvalues are shares, rotations at an arm of 2 m or the root mean square of the points' distances (Zhang, Kaess and Singh 2016, with a
     /// threshold without unit).
     pub(crate) fn unobserved(&self, pose: &Se3, min_share: f64, free: &Matrix6<f64>) -> Matrix6<f64> {
         let counted = self.sums.matches.max(1) as f64;
         let arm = (self.squared_distance / counted).sqrt().clamp(1e-3, ARM);
-        let shares = self.sums.quadratic(pose, 0.0).hessian / (counted * min_share);
+        let shares = self.sums.quadratic(pose).hessian / (counted * min_share);
         let fixed = (Matrix6::identity() - free) * (10.0 + shares.trace());
         let shares = free * shares * free + (fixed + fixed.transpose()) * 0.5;
         let shares = (shares + shares.transpose()) * 0.5;
         let sigma = PoseSigma { translation: 1.0, rotation: 1.0 / arm };
-        unobserved_directions::<Se3>(&shares, sigma).unwrap_or_else(|_| Matrix6::identity())
+        unobserved_directions::<Se3>(&shares, sigma).unwrap_or(*free)
     }
 }

@@ -17,7 +17,7 @@ pub enum Freedom {
 impl Freedom {
     /// The projector onto the right increments that are free at `pose`. In the plane it is the same for every pose that can be
     /// reached: turns about z keep what is horizontal.
-    pub(crate) fn projector(self, pose: &Se3) -> Matrix6<f64> {
+    pub fn projector(self, pose: &Se3) -> Matrix6<f64> {
         match self {
             Self::Full => Matrix6::identity(),
             Self::Planar => {

@@ -3,7 +3,8 @@
 //! | part | what it does |
 //! |---|---|
 //! | [`PointDerivatives`] | what a factor says of one point |
-//! | [`Quadratic`] | what they add up to at a pose |
+//! | [`MotionSums`] | what they add up to, in any parts |
+//! | [`Quadratic`] | that as a cost of the pose |
 //! | [`Objective`] | a cost over poses |
 //! | [`Freedom`] | what of the pose may change |
 //! | [`Optimizer`] | walks downhill: in damped steps, or by [`MoreThuente`]'s line search |
@@ -24,7 +25,7 @@ pub(crate) use facing::Facing;
 pub use freedom::Freedom;
 pub use more_thuente::{LinePoint, LineSearchEnd, LineSearchParams, MoreThuente};
 pub use optimizer::Optimizer;
-pub use quadratic::{PointDerivatives, Quadratic};
+pub use quadratic::{MotionSums, PointDerivatives, Quadratic};
 
 use agv_core::geometry::Se3;
 

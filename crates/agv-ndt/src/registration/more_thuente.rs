@@ -106,7 +106,7 @@ impl MoreThuente {
     }
 
     /// Searches from `start` (step zero), first at `first_step`; `function` evaluates a step. Returns the last point that was
-    /// evaluated, why it ended there, and the number of evaluations.
+    /// evaluated, or the best one before if that was no number, why it ended there, and the number of evaluations.
     pub fn search(
         &self,
         start: &LinePoint,

@@ -11,7 +11,7 @@
 //! so that sums over the points of `g`, `y × g`, `H` and its products with `y` make the gradient and the Hessian, and the frame is
 //! turned once at the end.
 
-use agv_core::geometry::Se3;
+use agv_core::geometry::{Se3, skew};
 use nalgebra::{Matrix3, Matrix6, Vector3, Vector6};
 
 /// A cost near a pose: `cost + gradientᵀ δ + ½ δᵀ hessian δ` for the right increment `δ`, translation first.
@@ -30,10 +30,26 @@ pub struct Quadratic {
 /// Number of sums.
 pub(crate) const SUMS: usize = 28;
 
-/// Sums over points, in target axes: cost; `Σ g`; `Σ y × g`; `Σ H` as xx, xy, xz, yy, yz, zz; `Σ H J` row by row with
-/// `J = -[y]×`; `Σ JᵀHJ` and the curvature of rotation as xx, xy, xz, yy, yz, zz.
+/// What the points say of the pose, summed up: as many as there are, in any parts, to one [`Quadratic`].
+///
+/// ```
+/// use agv_core::{geometry::{LieGroup, Se3}, nalgebra::{Matrix3, Vector3}};
+/// use agv_ndt::registration::{MotionSums, PointDerivatives};
+///
+/// // One point, one metre from where it should be: cost ½ d².
+/// let (pose, point, goal) = (Se3::identity(), Vector3::new(2.0, 0.0, 0.0), Vector3::new(2.0, 1.0, 0.0));
+/// let offset = pose.act(&point) - goal;
+/// let mut sums = MotionSums::default();
+/// let factor = PointDerivatives { cost: 0.5 * offset.norm_squared(), gradient: offset, hessian: Matrix3::identity(), curvature: 0.0 };
+/// sums.add(&pose.rotation().act(&point), &factor);
+/// let quadratic = sums.quadratic(&pose);
+/// // To the right along y, and to the right about z.
+/// assert_eq!((quadratic.gradient[1], quadratic.gradient[5]), (-1.0, -2.0));
+/// ```
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct MotionSums {
+pub struct MotionSums {
+    /// In target axes: cost; `Σ g`; `Σ y × g`; `Σ H` as xx, xy, xz, yy, yz, zz; `Σ H J + ½ κ [g]×` row by row with `J = -[y]×`;
+    /// `Σ JᵀHJ` and the curvature of rotation as xx, xy, xz, yy, yz, zz.
     pub(crate) sums: [f64; SUMS],
     pub(crate) matches: usize,
 }
@@ -58,14 +74,16 @@ pub struct PointDerivatives {
 }
 
 impl MotionSums {
-    /// Adds a point at `y = R p`.
-    pub(crate) fn add(&mut self, y: &Vector3<f64>, point: &PointDerivatives) {
+    /// Adds what a factor says of a point, whose place from the pose's origin is `y = R p`, in the target's axes.
+    pub fn add(&mut self, y: &Vector3<f64>, point: &PointDerivatives) {
         let (g, h) = (&point.gradient, &point.hessian);
         let torque = y.cross(g);
         let jacobian = -skew(y);
         let cross = h * jacobian;
+        let turn = jacobian.transpose() * cross;
+        let cross = cross + skew(g) * (0.5 * point.curvature);
         let bend = (y * g.transpose() + g * y.transpose()) * 0.5 - Matrix3::identity() * y.dot(g);
-        let turn = jacobian.transpose() * cross + bend * point.curvature;
+        let turn = turn + bend * point.curvature;
         let terms = [
             point.cost, g.x, g.y, g.z, torque.x, torque.y, torque.z, h.m11, h.m12, h.m13, h.m22, h.m23, h.m33,
             cross.m11, cross.m12, cross.m13, cross.m21, cross.m22, cross.m23, cross.m31, cross.m32, cross.m33,
@@ -79,7 +97,7 @@ impl MotionSums {
 
     /// Both together.
     #[must_use]
-    pub(crate) fn merged(mut self, other: Self) -> Self {
+    pub fn merged(mut self, other: Self) -> Self {
         for (sum, term) in self.sums.iter_mut().zip(other.sums) {
             *sum += term;
         }
@@ -87,14 +105,25 @@ impl MotionSums {
         self
     }
 
-    /// The cost to second order at `pose`; `curvature` is that of the points.
-    pub(crate) fn quadratic(&self, pose: &Se3, curvature: f64) -> Quadratic {
+    /// The same, for sums that lack the part `½ κ [Σ g]×` of `Σ H J`, which all points of the curvature `κ` share.
+    #[must_use]
+    pub(crate) fn with_bend(mut self, curvature: f64) -> Self {
+        let half = 0.5 * curvature;
+        let [_, x, y, z, ..] = self.sums;
+        for (at, value) in [(14, -z), (15, y), (16, z), (18, -x), (19, -y), (20, x)] {
+            self.sums[at] += half * value;
+        }
+        self
+    }
+
+    /// The cost to second order at the pose that the points were added at.
+    pub fn quadratic(&self, pose: &Se3) -> Quadratic {
         let s = &self.sums;
         let symmetric = |i: usize| {
             Matrix3::new(s[i], s[i + 1], s[i + 2], s[i + 1], s[i + 3], s[i + 4], s[i + 2], s[i + 4], s[i + 5])
         };
         let (force, torque) = (Vector3::new(s[1], s[2], s[3]), Vector3::new(s[4], s[5], s[6]));
-        let cross = Matrix3::from_row_slice(&s[13..22]) + skew(&force) * (0.5 * curvature);
+        let cross = Matrix3::from_row_slice(&s[13..22]);
         let to_source = pose.rotation().matrix().transpose();
         let turned = |block: Matrix3<f64>| to_source * block * to_source.transpose();
         let (force, torque) = (to_source * force, to_source * torque);
@@ -108,11 +137,6 @@ impl MotionSums {
         let gradient = Vector6::new(force.x, force.y, force.z, torque.x, torque.y, torque.z);
         Quadratic { cost: s[0], gradient, hessian, matches: self.matches }
     }
-}
-
-/// The matrix of the cross product.
-pub(crate) fn skew(v: &Vector3<f64>) -> Matrix3<f64> {
-    Matrix3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
 }
 
 #[cfg(test)]
@@ -136,7 +160,7 @@ mod tests {
         for p in points {
             sums.add(&pose.rotation().act(p), &well(&pose.act(p)));
         }
-        sums.quadratic(pose, 1.0)
+        sums.quadratic(pose)
     }
 
     /// The cost at `pose ⊕ increment`, in hyper-dual numbers: value, two slopes and their mixed derivative in one evaluation.

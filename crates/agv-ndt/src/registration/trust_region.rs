@@ -92,7 +92,7 @@ fn nearly_at_rest(
 
 #[cfg(test)]
 mod tests {
-    use super::super::{Freedom, Optimizer, PointDerivatives, Quadratic, quadratic::MotionSums};
+    use super::super::{Freedom, MotionSums, Optimizer, PointDerivatives, Quadratic};
     use super::*;
     use agv_core::geometry::So3;
     use nalgebra::{Matrix3, Vector3};
@@ -115,7 +115,7 @@ mod tests {
                 let point = PointDerivatives { cost: -e, gradient: d * (0.2 * e), hessian, curvature: 1.0 };
                 sums.add(&pose.rotation().act(p), &point);
             }
-            sums.quadratic(pose, 1.0)
+            sums.quadratic(pose)
         }
     }
 

@@ -62,6 +62,21 @@ fn a_single_wall_is_degenerate_and_the_plane_holds_the_rest() {
     assert!((found.target_from_source.translation() - Vector3::new(0.2, -0.1, 0.02)).norm() < 0.02, "{found:?}");
 }
 
+/// Points too far apart for normals, and each off by 70 cm in a way that no pose mends.
+#[test]
+fn pairs_without_normals_are_inliers_by_their_distance() {
+    let grid = (0..25).map(|i| Vector3::new(5.0 * f64::from(i % 5), 5.0 * f64::from(i / 5), f64::from(i * 7 % 5)));
+    let grid: Vec<_> = grid.map(|p| p + Vector3::repeat(0.5)).collect();
+    let sign = |odd: usize| if odd.is_multiple_of(2) { 0.45 } else { -0.45 };
+    let off: Vec<_> = grid.iter().enumerate().map(|(i, p)| p + Vector3::new(sign(i), sign(i / 2), 0.0)).collect();
+    for metric in METRICS {
+        let mut icp = registration(metric);
+        icp.set_target(&cloud(&grid, &Se3::identity())).unwrap();
+        let found = icp.align(&cloud(&off, &Se3::identity()), &Se3::identity()).unwrap();
+        assert!(found.inlier_ratio < 0.3 && !found.converged(), "{metric:?} {found:?}");
+    }
+}
+
 #[test]
 fn hopeless_sources_and_targets_are_outcomes() {
     let (target, source) = room(&truth());

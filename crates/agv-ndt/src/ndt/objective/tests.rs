@@ -1,15 +1,11 @@
 use super::super::gaussian::VoxelParams;
 use super::super::map::NdtMap;
 use super::*;
-use crate::registration::PointDerivatives;
+use crate::registration::{MotionSums, PointDerivatives};
+use crate::scenes::scatter;
 use agv_core::geometry::{LieGroup, So3};
 use agv_core::sensors::PointCloud;
 use nalgebra::Matrix3;
-
-/// A numbered value in [0, 1) without pattern.
-fn scatter(n: u32) -> f64 {
-    f64::from(n.wrapping_mul(2_654_435_761) ^ (n.wrapping_mul(40_503) << 7)) / f64::from(u32::MAX)
-}
 
 /// A floor, two walls and a pole, in a hall of 12 m whose corner is at `corner`.
 fn hall(points: u32, corner: Vector3<f64>) -> Vec<Vector3<f64>> {
@@ -103,7 +99,7 @@ impl Case {
                 sums.add(&pose.rotation().act(&p), &total);
             }
         }
-        sums.quadratic(pose, curvature)
+        sums.quadratic(pose)
     }
 }
 

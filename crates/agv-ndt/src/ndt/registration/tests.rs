@@ -1,7 +1,7 @@
 use super::super::search::VoxelSearch;
 use super::*;
 use crate::registration::Freedom;
-use crate::scenes::{CORRIDOR, ROOM, cloud, scatter, sheets};
+use crate::scenes::{CORRIDOR, PARALLEL, ROOM, cloud, scatter, sheets};
 use agv_core::geometry::{PoseSigma, So3};
 use agv_core::roles::laws;
 use agv_core::sensors::PointCloud;
@@ -136,6 +136,16 @@ fn a_wrong_place_is_a_poor_fit() {
         assert!(right || !found.converged(), "{found:?}");
         assert!(found.target_from_source.is_finite());
     }
+}
+
+/// ... also where directions are free: those of a wrong fit mean nothing.
+#[test]
+fn a_poor_fit_is_not_taken_for_a_degenerate_one() {
+    let wall = cloud(&sheets(&PARALLEL[..1], 60.0, 1), &Se3::identity());
+    let found =
+        aligned(NdtParams::default(), &wall, &cloud(&sheets(&PARALLEL, 15.0, 2), &Se3::identity()), &Se3::identity());
+    assert!(found.inlier_ratio < 0.5 && found.unobserved.trace() > 0.5, "{found:?}");
+    assert_eq!(found.termination, Termination::PoorFit, "{found:?}");
 }
 
 /// Whatever comes in, an outcome comes out, with a pose that is finite.
