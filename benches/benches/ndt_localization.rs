@@ -49,7 +49,7 @@ fn localization(c: &mut Criterion) {
     let Case { mut localizer, cloud, truth } = case(&factory);
     let off = truth.compose(&Se3::from(Se2::new(0.04, -0.03, 0.009)));
     let near = PoseBelief::around(off, Matrix6::identity() * 0.0025).expect("a covariance");
-    let mut update = |localizer: &mut NdtLocalizer, belief: &PoseBelief<Se3>| {
+    let update = |localizer: &mut NdtLocalizer, belief: &PoseBelief<Se3>| {
         localizer.initialize(belief).expect("a good belief");
         localizer.update(&cloud).expect("a good cloud")
     };

@@ -38,6 +38,9 @@ const CYCLE: f64 = 0.1;
 /// Longest drive to a goal, in seconds.
 const LONGEST: f64 = 120.0;
 
+/// Queries of each planner in each case.
+const QUERIES: usize = 4;
+
 /// How dear it is to pass obstacles closely.
 const COST_WEIGHT: f64 = 4.0;
 
@@ -90,18 +93,16 @@ fn plan(hall: &Hall, mapped: &Mapped, report: &mut Report) -> Result<Path> {
     block(&mut blocked, hall);
     let (start, goal) = (start(hall), goals(hall)[0]);
     let params = GridPlannerParams { grid: grid(), start_tolerance: 1.0, goal_tolerance: 0.5, ..Default::default() };
-    let mut planned = Path::new();
+    let (mut planned, mut found) = (Path::new(), 0);
     let planners: [(&str, Box<dyn GlobalPlanner>); 2] =
         [("astar", Box::new(astar()?)), ("dijkstra", Box::new(Dijkstra::new(params)?))];
     for (name, mut planner) in planners {
         for (case, costmap) in [("", &free), ("_obstacles", &blocked)] {
             let (mut timings, mut path) = (Timings::default(), Path::new());
             // The costmap is taken in by the first query, as when a vehicle starts.
-            for _ in 0..4 {
+            for _ in 0..QUERIES {
                 let outcome = timings.time(|| planner.plan_into(costmap, &start, &goal, &mut path))?;
-                if !matches!(outcome, PlanOutcome::Found { .. }) {
-                    return Err(format!("{name} finds no way: {outcome:?}").into());
-                }
+                found += usize::from(matches!(outcome, PlanOutcome::Found { .. }));
             }
             report.number(&format!("plan_{name}{case}_ms"), timings.milliseconds(50.0));
             if (name, case) == ("astar", "") {
@@ -110,6 +111,7 @@ fn plan(hall: &Hall, mapped: &Mapped, report: &mut Report) -> Result<Path> {
             }
         }
     }
+    report.flag("plans_found", found == 4 * QUERIES);
     Ok(planned)
 }
 
@@ -231,7 +233,7 @@ fn follow(
         }
         let command = planning.time(|| system.command(motion, CYCLE))?;
         motion = command.motion;
-        let over = steps as f64 * drive::STEP > LONGEST;
+        let over = f64::from(steps) * drive::STEP > LONGEST;
         let ended = match command.status {
             Some(NavigationStatus::Arrived) => {
                 arrived += 1;

@@ -3,13 +3,18 @@
 //! # Overview
 //! Where was this cloud taken, given another one or a map? [`ndt`] answers with normal distributions in voxels, [`gicp`] with pairs of
 //! points; both play the role [`Registration`](agv_core::roles::Registration) and are made of the parts in [`registration`].
-//! [`preprocess`] finds neighbours and normals, [`convert`] makes laser scans of clouds.
+//! [`ndt::NdtLocalizer`] follows a vehicle in a map. [`preprocess`] finds neighbours and normals, [`convert`] makes laser scans and
+//! grids of clouds.
 //!
 //! | users have | take |
 //! |---|---|
 //! | a map, or clouds that are far apart | [`ndt::NdtRegistration`]: fastest, and finds the pose from metres away |
 //! | two thin clouds, and a guess within half a metre | [`gicp::PointRegistration`]: a point per 0.25 m of the target is enough |
 //! | a vehicle on an even floor | either with [`registration::Freedom::Planar`] |
+//! | two full clouds, and little time | [`ndt::DistributionRegistration`]: hundreds of pairs instead of thousands of points |
+//! | a map, odometry, and clouds | [`ndt::NdtLocalizer`] |
+//! | laser scans | [`ndt::NdtScanMatcher`] |
+//! | clouds, and planners in the plane | [`convert::CloudToGrid`], [`convert::CloudToScan`] |
 //! | a map of many vehicles' clouds | [`ndt::NdtMap`], which merges in any order to the same bits |
 //!
 //! # Usage

@@ -18,3 +18,6 @@ mod odometry;
 pub use drive::{Csns, CsnsCommand, CsnsSight};
 pub use mapper::{Site, SiteMapper, SiteMapperParams, SiteMapperStep};
 pub use odometry::InertialOdometry;
+
+#[cfg(test)]
+mod tests;

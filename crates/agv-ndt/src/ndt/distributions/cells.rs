@@ -134,6 +134,6 @@ impl Objective for Overlap<'_> {
             sums
         };
         let sums = self.par.map_reduce(count.div_ceil(CHUNK), chunk, MotionSums::merged).unwrap_or_default();
-        sums.quadratic(pose, 0.0)
+        sums.quadratic(pose)
     }
 }

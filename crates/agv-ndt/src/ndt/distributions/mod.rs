@@ -107,10 +107,13 @@ impl DistributionRegistration {
                 return result;
             }
             let (inlier_ratio, unobserved) = overlap.fit(&pose, params.min_facing_share, &free);
-            if unobserved.trace() > 0.5 && matches!(found.termination, Termination::Converged | Termination::Stalled) {
-                result.termination = Termination::Degenerate;
-            } else if found.termination == Termination::Converged && inlier_ratio < params.min_inlier_ratio {
-                result.termination = Termination::PoorFit;
+            // What explains too little of the source says nothing of directions either.
+            if found.termination == Termination::Converged {
+                if inlier_ratio < params.min_inlier_ratio {
+                    result.termination = Termination::PoorFit;
+                } else if unobserved.trace() > 0.5 {
+                    result.termination = Termination::Degenerate;
+                }
             }
             result.unobserved = unobserved + (Matrix6::identity() - free);
             result.information = observed_information::<Se3>(&found.quadratic.hessian, &result.unobserved);

@@ -143,11 +143,12 @@ impl NdtScanMatcher {
         result.information = observed_information::<Se2>(&found.quadratic.hessian, &result.unobserved);
         result.score = -found.quadratic.cost / self.points.len().max(1) as f64;
         result.inlier_ratio = inliers as f64 / self.points.len().max(1) as f64;
-        if matches!(found.termination, Termination::Converged | Termination::Stalled) {
-            if result.unobserved.trace() > 0.5 {
-                result.termination = Termination::Degenerate;
-            } else if result.inlier_ratio < self.params.min_inlier_ratio {
+        // What explains too little of the scan says nothing of directions either.
+        if found.termination == Termination::Converged {
+            if result.inlier_ratio < self.params.min_inlier_ratio {
                 result.termination = Termination::PoorFit;
+            } else if result.unobserved.trace() > 0.5 {
+                result.termination = Termination::Degenerate;
             }
         }
         result
