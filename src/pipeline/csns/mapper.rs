@@ -7,12 +7,12 @@ use agv_core::{
     grid::EvidenceGrid,
     nalgebra::Matrix6,
     odometry::MotionIncrement,
-    roles::{Correct, Localizer, PoseBelief, PoseEstimate, UpdateOutcome},
+    roles::{Correct, Localizer, PoseBelief, PoseEstimate, StatusParams, UpdateOutcome},
     sensors::PointCloud,
 };
 use agv_ndt::{
     convert::{CloudToGrid, CloudToGridParams},
-    ndt::{NdtLocalizer, NdtLocalizerParams, NdtMap},
+    ndt::{NdtLocalizer, NdtLocalizerParams, NdtMap, NdtParams},
 };
 
 /// Parameters of a [`SiteMapper`].
@@ -26,17 +26,25 @@ pub struct SiteMapperParams {
     pub key_distance: f64,
     /// Turn after which it does, in radians.
     pub key_turn: f64,
+    /// Share of a cloud that the map explains below which a quarter of that way or turn is enough, from 0 to 1: around a corner the
+    /// map has to grow before it is lost sight of.
+    pub novelty: f64,
 }
 
 impl Default for SiteMapperParams {
     /// A cloud for every metre and every 20°: lines of a 16-line lidar sweep a voxel in about that, and a wall has a few hundred points
-    /// in each.
+    /// in each. Where a vehicle comes around a corner most of what it sees is new: three tenths of a cloud are enough for a match, and
+    /// a vehicle is not looked for elsewhere, since it is the map that is missing.
     fn default() -> Self {
+        let localizer = NdtLocalizerParams::default();
+        let ndt = NdtParams { min_inlier_ratio: 0.3, ..localizer.ndt };
+        let status = StatusParams { explained: 0.3, unexplained: 0.0, confirmations: u64::MAX, ..localizer.status };
         Self {
-            localizer: NdtLocalizerParams::default(),
+            localizer: NdtLocalizerParams { ndt, status, ..localizer },
             grid: CloudToGridParams::default(),
             key_distance: 1.0,
             key_turn: 20_f64.to_radians(),
+            novelty: 0.7,
         }
     }
 }
@@ -109,6 +117,7 @@ impl SiteMapper {
     pub fn new(params: SiteMapperParams, map_from_base: Se3) -> Result<Self, Error> {
         check::positive("key_distance", params.key_distance)?;
         check::positive("key_turn", params.key_turn)?;
+        check::in_range("novelty", params.novelty, 0.0, 1.0)?;
         let start = UncertainPose::new(map_from_base, Matrix6::zeros())?;
         Ok(Self {
             map: NdtMap::new(params.localizer.ndt.voxels)?,

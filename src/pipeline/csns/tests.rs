@@ -138,6 +138,7 @@ fn bad_input_is_refused_and_changes_nothing() {
     for bad in [
         SiteMapperParams { key_distance: 0.0, ..good.clone() },
         SiteMapperParams { key_turn: f64::NAN, ..good.clone() },
+        SiteMapperParams { novelty: -0.1, ..good.clone() },
         SiteMapperParams {
             grid: agv_ndt::convert::CloudToGridParams { resolution: -1.0, ..good.grid.clone() },
             ..good.clone()
@@ -152,7 +153,8 @@ fn bad_input_is_refused_and_changes_nothing() {
     assert!(mapper.insert(&PointCloud::default()).is_err(), "nothing to begin a map with");
     assert!(mapper.map().is_empty() && mapper.estimate().is_none());
     let factory = hall();
-    let first = lidar().scan(
+    let mut lidar = lidar();
+    let first = lidar.scan(
         factory.world(),
         &factory.aisles()[0].into(),
         &agv_core::geometry::Twist3::default(),
