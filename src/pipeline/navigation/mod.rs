@@ -116,7 +116,7 @@ impl Navigation {
             goal: None,
             route: Route::default(),
             candidate: Path::new(),
-            progress: Progress::default(),
+            progress: Progress::new(),
             behaviour: None,
             evasion: Evasion::default(),
             stuck_at: None,
@@ -139,7 +139,7 @@ impl Navigation {
         check::all_finite("goal", &[goal.x(), goal.y(), goal.yaw()])?;
         self.goal = Some(*goal);
         self.route.clear();
-        self.progress = Progress::default();
+        self.progress.reset();
         self.evasion.reset();
         (self.behaviour, self.stuck_at, self.ended, self.blocked, self.no_path) = (None, None, None, None, None);
         (self.recoveries, self.escapes, self.since_plan) = (0, 0, f64::INFINITY);
@@ -235,7 +235,7 @@ impl Navigation {
         self.behaviour = None;
         (self.since_plan, self.waited) = (f64::INFINITY, 0.0);
         if kind != Recovery::Escape {
-            self.progress = Progress::default();
+            self.progress.reset();
         }
         Ok(None)
     }
