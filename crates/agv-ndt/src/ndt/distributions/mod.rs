@@ -168,6 +168,7 @@ impl Registration for DistributionRegistration {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::registration::Objective as _;
     use crate::scenes::{CORRIDOR, ROOM, cloud, sheets};
     use agv_core::{geometry::So3, roles::laws};
     use nalgebra::{Vector3, Vector6};
@@ -213,7 +214,6 @@ mod tests {
         source.rebuild(&cloud(&sheets(&ROOM, 60.0, 2), &pose(0.1, 0.1, 0.02)));
         let mixture = Mixture::new(0.3, 1.0).unwrap();
         let mut overlap = Overlap { target: &target, source: &source, mixture, par: Par::Seq };
-        use crate::registration::Objective as _;
         let (at, h) = (pose(0.08, 0.13, 0.015), 1e-6);
         let here = overlap.evaluate(&at);
         for axis in 0..3 {
