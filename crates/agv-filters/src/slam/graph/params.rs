@@ -117,7 +117,7 @@ pub struct ClosureParams {
 }
 
 impl Default for ClosureParams {
-    /// Windows for indoor odometry, whose matched chains drift by some per cent; two closures that agree to a quarter of a metre.
+    /// Windows for indoor odometry, whose matched chains drift by some per cent; three closures that agree to a quarter of a metre.
     fn default() -> Self {
         Self {
             min_path: 8.0,
@@ -128,7 +128,7 @@ impl Default for ClosureParams {
             candidates: 3,
             min_inlier_ratio: 0.6,
             min_score: 0.45,
-            confirmations: 2,
+            confirmations: 3,
             agreement: PoseSigma { translation: 0.25, rotation: 0.06 },
         }
     }
