@@ -28,6 +28,10 @@ pub enum Error {
     #[cfg(feature = "plan")]
     #[error(transparent)]
     PlanParams(#[from] agv_plan::Error),
+    /// A map of normal distributions or its parameters were refused.
+    #[cfg(feature = "ndt")]
+    #[error(transparent)]
+    Ndt(#[from] agv_ndt::Error),
     /// A local planner refused a request.
     #[error(transparent)]
     LocalPlan(#[from] LocalPlanError),

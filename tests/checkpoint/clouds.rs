@@ -1,8 +1,18 @@
-//! Maps of normal distributions.
+//! Maps of normal distributions, and what localises in them.
 
 use crate::table::{assert_kept, assert_refused, restored};
-use agv_nav::core::{geometry::Se3, nalgebra::Vector3, sensors::PointCloud};
-use agv_nav::ndt::ndt::{NdtMap, VoxelParams};
+use agv_nav::core::{
+    geometry::{LieGroup, Se2, Se3},
+    nalgebra::{Matrix6, Vector3},
+    odometry::MotionIncrement,
+    roles::{Correct, Localizer, PoseBelief, UpdateOutcome},
+    sensors::PointCloud,
+    time::Stamp,
+};
+use agv_nav::ndt::{
+    convert::CloudToGridParams,
+    ndt::{NdtLocalizer, NdtLocalizerParams, NdtMap, NdtScanMatcherParams, VoxelParams},
+};
 use serde_json::json;
 
 #[test]
@@ -42,4 +52,59 @@ fn maps_come_back_and_go_on() {
             ("/voxels/1/0".to_owned(), first),
         ],
     );
+}
+
+/// A corner of a hall, seen from a place along x.
+fn corner(x: f32, n: u16) -> PointCloud {
+    let sheets = [|a, b| [a, b, 0.0], |a, b| [a, -1.0, b], |a: f32, b: f32| [8.0, a, b]];
+    let step = 8.0 / f32::from(n);
+    let points = (0..n * n)
+        .flat_map(move |i| sheets.map(|sheet| Vector3::from(sheet(f32::from(i % n) * step, f32::from(i / n) * step))));
+    PointCloud::from_points(points.map(move |p| p - Vector3::new(x, 0.0, 0.0)))
+}
+
+#[test]
+fn a_resumed_ndt_localizer_continues_with_the_same_bits() {
+    let params = NdtLocalizerParams::default();
+    let mut map = NdtMap::new(params.ndt.voxels).unwrap();
+    map.insert(&corner(0.0, 80), &Se3::default());
+    let mut localizer = NdtLocalizer::new(&map, params).unwrap();
+    localizer.initialize(&PoseBelief::around(Se3::default(), Matrix6::identity() * 1e-4).unwrap()).unwrap();
+    let go_on = |localizer: &mut NdtLocalizer, steps: std::ops::Range<u32>| {
+        for step in steps {
+            let at = |step: u32| {
+                (Stamp::from_seconds(0.1 * f64::from(step)), Se3::from(Se2::new(0.11 * f64::from(step), 0.0, 0.0)))
+            };
+            let ((start, a), (end, b)) = (at(step), at(step + 1));
+            localizer.predict(&MotionIncrement::between(start, &a, end, &b).unwrap()).unwrap();
+            let outcome = localizer.update(&corner(0.1 * (step + 1) as f32, 40).with_stamp(end)).unwrap();
+            assert!(matches!(outcome, UpdateOutcome::Applied(_)), "{outcome:?}");
+        }
+    };
+    go_on(&mut localizer, 0..4);
+    assert_kept("NdtLocalizer", &localizer);
+    let mut resumed = restored(&localizer);
+    go_on(&mut localizer, 4..8);
+    go_on(&mut resumed, 4..8);
+    assert_eq!((resumed.estimate(), resumed.status()), (localizer.estimate(), localizer.status()));
+    let x = localizer.estimate().unwrap().map_from_base().minus(&Se3::default()).x;
+    assert!((x - 0.8).abs() < 0.02, "{x}");
+    assert_refused(
+        "NdtLocalizer",
+        &localizer,
+        &[
+            ("/params/leaf".to_owned(), json!(0.0)),
+            ("/params/ndt/voxels/resolution".to_owned(), json!(0.7)),
+            ("/map/voxels".to_owned(), json!([])),
+            ("/state/belief/pose/covariance/0".to_owned(), json!(-1.0)),
+            ("/state/track/1/0".to_owned(), json!(-1)),
+        ],
+    );
+}
+
+#[test]
+fn parameters_come_back() {
+    assert_kept("NdtLocalizerParams", &NdtLocalizerParams::default());
+    assert_kept("NdtScanMatcherParams", &NdtScanMatcherParams::default());
+    assert_kept("CloudToGridParams", &CloudToGridParams::default());
 }

@@ -13,6 +13,7 @@ mod particle_models;
 mod planning;
 mod registration;
 mod sensing;
+mod slam;
 mod threads;
 mod tuning;
 

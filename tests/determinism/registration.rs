@@ -6,11 +6,12 @@ use crate::{
 };
 use agv_nav::core::{
     geometry::{LieGroup, Se3},
-    roles::{Alignment, Registration},
+    nalgebra::Matrix6,
+    roles::{Alignment, Correct, Localizer, PoseBelief, Registration},
 };
 use agv_nav::ndt::{
     gicp::{PointParams, PointRegistration},
-    ndt::{NdtParams, NdtRegistration},
+    ndt::{DistributionRegistration, NdtLocalizer, NdtLocalizerParams, NdtMap, NdtParams, NdtRegistration},
 };
 
 fn digest(found: &Alignment<Se3>) -> Digest {
@@ -28,6 +29,32 @@ fn normal_distributions() {
         let mut ndt = NdtRegistration::new(NdtParams::default()).unwrap().with_parallelism(par);
         ndt.set_target(&pair.target).unwrap();
         digest(&ndt.align(&pair.source, &Se3::identity()).unwrap())
+    });
+}
+
+#[test]
+fn distributions() {
+    let pair = clouds::pair();
+    assert_same_bits("DistributionRegistration", |par| {
+        let mut ndt = DistributionRegistration::new(NdtParams::default()).unwrap().with_parallelism(par);
+        ndt.set_target(&pair.target).unwrap();
+        digest(&ndt.align(&pair.source, &Se3::identity()).unwrap())
+    });
+}
+
+#[test]
+fn localization_in_a_map() {
+    let (pair, params) = (clouds::pair(), NdtLocalizerParams::default());
+    let mut map = NdtMap::new(params.ndt.voxels).unwrap();
+    map.insert(&pair.target, &pair.target.base_from_sensor());
+    let around = PoseBelief::around(Se3::default(), Matrix6::identity() * 0.25).unwrap();
+    assert_same_bits("NdtLocalizer", |par| {
+        let mut localizer = NdtLocalizer::new(&map, params).unwrap().with_parallelism(par);
+        localizer.initialize(&around).unwrap();
+        localizer.update(&pair.source).unwrap();
+        let estimate = localizer.estimate().unwrap();
+        let covariance = estimate.covariance().iter().copied().map(f64::to_bits);
+        digest(localizer.alignment().unwrap()).bits(covariance)
     });
 }
 

@@ -4,8 +4,8 @@
 //! Where was this cloud taken, given another one or a map? [`ndt`] answers with normal distributions in voxels, [`gicp`] with pairs of
 //! points; both play the role [`Registration`](agv_core::roles::Registration) and are made of the parts in [`registration`].
 //! Where does the lidar go? [`loam`] follows it by edges and surfaces, [`odometry`] by any registration; both play the role
-//! [`LidarOdometry`](agv_core::roles::LidarOdometry). [`preprocess`] finds neighbours, normals, ground, clusters and outliers,
-//! [`convert`] makes laser scans of clouds.
+//! [`LidarOdometry`](agv_core::roles::LidarOdometry). [`ndt::NdtLocalizer`] follows a vehicle in a map. [`preprocess`] finds
+//! neighbours, normals, ground, clusters and outliers, [`convert`] makes laser scans and grids of clouds.
 //!
 //! | users have | take |
 //! |---|---|
@@ -14,6 +14,10 @@
 //! | a vehicle on an even floor | either with [`registration::Freedom::Planar`] |
 //! | one cloud after the other | [`loam::LoamOdometry`]: pose and local map in one call per cloud |
 //! | the same, and a registration of their own | [`odometry::Follow`] |
+//! | two full clouds, and little time | [`ndt::DistributionRegistration`]: hundreds of pairs instead of thousands of points |
+//! | a map, odometry, and clouds | [`ndt::NdtLocalizer`] |
+//! | laser scans | [`ndt::NdtScanMatcher`] |
+//! | clouds, and planners in the plane | [`convert::CloudToGrid`], [`convert::CloudToScan`] |
 //! | a map of many vehicles' clouds | [`ndt::NdtMap`], which merges in any order to the same bits |
 //!
 //! # Usage

@@ -1,5 +1,7 @@
-//! From 3D to 2D: what planar filters and planners need of a cloud.
+//! From 3D to 2D.
 
+mod to_grid;
 mod to_scan;
 
+pub use to_grid::{CloudToGrid, CloudToGridParams, CloudToGridReport};
 pub use to_scan::{CloudToScan, CloudToScanParams, CloudToScanReport};

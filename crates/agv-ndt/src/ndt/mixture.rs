@@ -24,8 +24,17 @@ pub(crate) struct Mixture {
 impl Mixture {
     /// Of voxels of `edge` metres and a share of outliers between 0 and 1.
     pub(crate) fn new(outlier_ratio: f64, edge: f64) -> Result<Self, Error> {
+        Self::of_volume(outlier_ratio, edge.powi(3))
+    }
+
+    /// Of the cells of a plane.
+    pub(crate) fn planar(outlier_ratio: f64, edge: f64) -> Result<Self, Error> {
+        Self::of_volume(outlier_ratio, edge * edge)
+    }
+
+    fn of_volume(outlier_ratio: f64, volume: f64) -> Result<Self, Error> {
         check::in_range("outlier_ratio", outlier_ratio, 0.001, 0.999)?;
-        let (c1, c2) = (10.0 * (1.0 - outlier_ratio), outlier_ratio / edge.powi(3));
+        let (c1, c2) = (10.0 * (1.0 - outlier_ratio), outlier_ratio / volume);
         let d3 = -c2.ln();
         let d1 = -(c1 + c2).ln() - d3;
         let d2 = -2.0 * ((-(c1 * (-0.5_f64).exp() + c2).ln() - d3) / d1).ln();

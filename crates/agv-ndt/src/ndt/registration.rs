@@ -143,6 +143,18 @@ impl NdtRegistration {
         self.take_spare()
     }
 
+    /// What the coarsest level says of a source at each of many poses, without a search: its score per point.
+    pub(super) fn glance(&mut self, source: &dyn PointSource, poses: &[Se3], scores: &mut Vec<f64>) {
+        self.source.refill(source);
+        scores.clear();
+        let coarsest = self.levels.len() - 1;
+        for pose in poses {
+            let mut objective = self.objective(coarsest, pose);
+            let cost = objective.evaluate(pose).cost;
+            scores.push(-cost / objective.source.len().max(1) as f64);
+        }
+    }
+
     fn take_spare(&mut self) -> Result<(), Error> {
         let VoxelParams { min_points, .. } = self.params.voxels;
         let most = self.spare.voxels().map(|(_, sums)| sums.count()).max().unwrap_or(0);

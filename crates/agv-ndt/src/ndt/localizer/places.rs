@@ -1,0 +1,58 @@
+//! Where a vehicle can be, as far as a map says.
+
+use super::super::map::NdtMap;
+use agv_core::geometry::{Se3, So3};
+use nalgebra::Vector3;
+use std::collections::BTreeMap;
+
+/// Share of a voxel's spread that is upright, below which it is a floor.
+const LEVEL: f64 = 0.02;
+
+/// A level pose on the floor of every square of `spacing` metres that has one: on the lowest voxel whose points lie level.
+pub(super) fn places(map: &NdtMap, spacing: f64) -> Vec<Se3> {
+    let mut floors: BTreeMap<[i64; 2], Vector3<f64>> = BTreeMap::new();
+    for (cell, _) in map.voxels() {
+        let Some(surface) = map.gaussian(cell) else { continue };
+        let spread = &surface.covariance;
+        let least_width = (0.1 * map.params().resolution).powi(2);
+        if spread.m33 > LEVEL * spread.trace() || spread.m11.min(spread.m22) < least_width {
+            continue;
+        }
+        let square = [surface.mean.x, surface.mean.y].map(|along| (along / spacing).floor() as i64);
+        let floor = floors.entry(square).or_insert(surface.mean);
+        // The middle-most of those that are as low, so that places are evenly apart.
+        let middle = Vector3::new(square[0] as f64 + 0.5, square[1] as f64 + 0.5, 0.0) * spacing;
+        let off = |mean: &Vector3<f64>| (mean.xy() - middle.xy()).norm_squared();
+        let step = surface.mean.z - floor.z;
+        if step < -STEP || (step < STEP && off(&surface.mean) < off(floor)) {
+            *floor = surface.mean;
+        }
+    }
+    floors.into_values().map(|floor| Se3::from_parts(floor, So3::default())).collect()
+}
+
+/// Heights that differ by less belong to one floor, in metres.
+const STEP: f64 = 0.2;
+
+#[cfg(test)]
+mod tests {
+    use super::super::super::gaussian::VoxelParams;
+    use super::*;
+    use crate::scenes::{ROOM, sheets};
+    use agv_core::sensors::PointCloud;
+
+    #[test]
+    fn places_stand_on_the_floor_of_the_room_and_nowhere_else() {
+        let mut map = NdtMap::new(VoxelParams::default()).unwrap();
+        let cloud = PointCloud::from_points(sheets(&ROOM, 100.0, 1).iter().map(|p| p.cast()));
+        map.insert(&cloud, &Se3::default());
+        let places = places(&map, 1.0);
+        assert!((80..=140).contains(&places.len()), "{}", places.len());
+        for place in &places {
+            let at = place.translation();
+            assert!((at.z + 1.0).abs() < 0.02, "{at}");
+            assert!((-6.3..=7.7).contains(&at.x) && (-4.2..=5.8).contains(&at.y), "{at}");
+        }
+        assert!(super::places(&NdtMap::new(VoxelParams::default()).unwrap(), 1.0).is_empty());
+    }
+}

@@ -1,0 +1,93 @@
+//! Where in the map a cloud was taken: many starts, judged at a glance, and the best of them followed to their optimum.
+
+use super::super::registration::NdtRegistration;
+use super::params::SearchParams;
+use agv_core::{
+    geometry::{LieGroup, Se3, So3},
+    roles::{Alignment, AlignmentError, Registration},
+    sensors::PointSource,
+};
+use nalgebra::Vector3;
+use std::f64::consts::TAU;
+
+/// Results that are nearer to each other than this are one: in metres, and in radians.
+const SAME: (f64, f64) = (0.3, 0.1);
+
+/// What a search is made of; the buffers are kept.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Search {
+    guesses: Vec<Se3>,
+    scores: Vec<f64>,
+    order: Vec<usize>,
+    finalists: Vec<Se3>,
+    found: Vec<Alignment<Se3>>,
+}
+
+impl Search {
+    /// The pose that explains the source best among those from all headings at the places within `radius` metres of `around`, and
+    /// from `around` itself; `None` if none fits, or another place fits nearly as well.
+    pub(super) fn run(
+        &mut self,
+        ndt: &mut NdtRegistration,
+        source: &dyn PointSource,
+        places: &[Se3],
+        around: &Se3,
+        radius: f64,
+        params: &SearchParams,
+    ) -> Result<Option<Alignment<Se3>>, AlignmentError> {
+        let step = TAU / params.headings as f64;
+        self.guesses.clear();
+        self.guesses.push(*around);
+        let near = |place: &&Se3| (place.translation() - around.translation()).norm() <= radius;
+        for place in places.iter().filter(near) {
+            for heading in 0..params.headings {
+                let turn = So3::exp(&Vector3::new(0.0, 0.0, heading as f64 * step));
+                self.guesses.push(place.compose(&Se3::from_parts(Vector3::zeros(), turn)));
+            }
+        }
+        ndt.glance(source, &self.guesses, &mut self.scores);
+        self.pick(params, 1.5 * params.spacing, 1.5 * step);
+        self.found.clear();
+        for guess in &self.finalists {
+            let result = ndt.align(source, guess)?;
+            if result.converged() {
+                self.found.push(result);
+            }
+        }
+        Ok(self.verdict(params.lead))
+    }
+
+    /// The best starts, no two of which are near each other.
+    fn pick(&mut self, params: &SearchParams, apart: f64, turned: f64) {
+        self.order.clear();
+        self.order.extend(0..self.guesses.len());
+        let (scores, guesses) = (&self.scores, &self.guesses);
+        // Ties go to the first: the order of the guesses is that of the caller.
+        self.order.sort_by(|&a, &b| scores[b].total_cmp(&scores[a]));
+        self.finalists.clear();
+        for &index in &self.order {
+            if self.finalists.len() >= params.finalists {
+                break;
+            }
+            let guess = &guesses[index];
+            if !self.finalists.iter().any(|taken| is_near(taken, guess, apart, turned)) {
+                self.finalists.push(*guess);
+            }
+        }
+    }
+
+    /// The result with the greatest share of inliers, if no other place comes up to it.
+    fn verdict(&self, lead: f64) -> Option<Alignment<Se3>> {
+        let best = self.found.iter().max_by(|a, b| a.inlier_ratio.total_cmp(&b.inlier_ratio))?;
+        let is_rival = |other: &Alignment<Se3>| {
+            other.inlier_ratio + lead > best.inlier_ratio
+                && !is_near(&other.target_from_source, &best.target_from_source, SAME.0, SAME.1)
+        };
+        (!self.found.iter().any(is_rival)).then_some(*best)
+    }
+}
+
+fn is_near(a: &Se3, b: &Se3, apart: f64, turned: f64) -> bool {
+    let between = a.between(b);
+    between.translation().norm() < apart && between.rotation().log().norm() < turned
+}
