@@ -12,8 +12,11 @@
 /// Neighbours to each side (LOAM and LeGO-LOAM).
 pub(super) const SIDE: usize = 5;
 
-/// Widest angle that a point's neighbours may span, in radians: lines with holes have no shape there.
-const WIDEST: f32 = 0.12;
+/// Widest angle that a point's neighbours may span, in radians: lines with holes have no shape there. Lidars of 512 columns span 0.123.
+const WIDEST: f32 = 0.2;
+
+/// Widest angle between neighbours of which the nearer may hide the farther, in radians.
+const CLOSE: f32 = 0.12;
 
 /// Points of a line as one looks at them: in the order of their azimuth.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,12 +75,12 @@ pub(super) fn shapes_into(line: &[LinePoint], params: CurvatureParams, out: &mut
 /// LOAM's rules (Zhang and Singh 2014, section V-A): what is behind a nearer surface's rim may be hidden from the next place, and what
 /// lies along the beam has no range to speak of.
 fn reject(line: &[LinePoint], range_sigma: f32, out: &mut [(f32, Shape)]) {
-    for at in 1..line.len().saturating_sub(1) {
-        let (before, here, after) = (line[at - 1], line[at], line[at + 1]);
+    for at in 0..line.len().saturating_sub(1) {
+        let (here, after) = (line[at], line[at + 1]);
         // A jump of the range between neighbours that are close in angle: the farther side is not to be trusted.
         let jump = after.range - here.range;
-        if after.azimuth - here.azimuth < WIDEST && jump.abs() > 0.3_f32.max(0.1 * here.range.min(after.range)) {
-            let hidden = if jump > 0.0 { at + 1..=at + 1 + SIDE } else { (at + 1).saturating_sub(SIDE)..=at };
+        if after.azimuth - here.azimuth < CLOSE && jump.abs() > 0.3_f32.max(0.1 * here.range.min(after.range)) {
+            let hidden = if jump > 0.0 { at + 1..=at + 1 + SIDE } else { at.saturating_sub(SIDE)..=at };
             let hidden = *hidden.start()..(hidden.end() + 1).min(line.len());
             // The range ends within the line. The first point is the rim's shadow, the others its neighbourhood.
             out[hidden].iter_mut().for_each(|(_, shape)| *shape = Shape::None);
@@ -93,7 +96,10 @@ fn reject(line: &[LinePoint], range_sigma: f32, out: &mut [(f32, Shape)]) {
                 }
             }
         }
-        // Both neighbours at quite another range, to opposite sides: along the beam.
+    }
+    for at in 1..line.len().saturating_sub(1) {
+        let (before, here, after) = (line[at - 1], line[at], line[at + 1]);
+        // Both neighbours at quite another range: along the beam.
         let (to_before, to_after) = (before.range - here.range, after.range - here.range);
         let along = 0.02 * here.range + 2.0 * range_sigma;
         if to_before.abs() > along && to_after.abs() > along {
@@ -124,7 +130,7 @@ mod tests {
 
     #[test]
     fn a_corner_bends_three_steps_of_the_angle_at_any_range_and_resolution() {
-        for (step, distance) in [(0.0035, 8.0), (0.0035, 20.0), (0.007, 8.0)] {
+        for (step, distance) in [(0.0035, 8.0), (0.0035, 20.0), (0.007, 8.0), (0.01227, 8.0)] {
             // Two walls that meet in a right angle straight ahead.
             let line = look(step, |a| distance / (a.cos() + a.sin().abs()));
             let found = shapes(&line);
@@ -143,6 +149,22 @@ mod tests {
         assert_eq!(found[rim].1, Shape::Sharp);
         assert!(found[rim + 1..=rim + SIDE].iter().all(|(_, shape)| *shape == Shape::None));
         assert_eq!(found[rim + 3 * SIDE].1, Shape::Flat);
+    }
+
+    #[test]
+    fn a_mirrored_line_has_mirrored_shapes() {
+        // Posts before a wall, one of them at the line's start and seen by one beam.
+        let steps = [(-0.35, 3.0), (-0.21, 9.0), (-0.1, 2.0), (0.02, 9.0), (0.2, 5.0), (f32::MAX, 8.0)];
+        let range = |a: f32| steps.iter().find(|(end, _)| a < *end).map_or(9.0, |(_, range)| range / a.cos());
+        for first in 0..8 {
+            let line = look(0.0035, range).split_off(first);
+            let mirrored: Vec<_> = line.iter().rev().map(|p| LinePoint { azimuth: -p.azimuth, ..*p }).collect();
+            let (found, other) = (shapes(&line), shapes(&mirrored));
+            assert!(found.iter().map(|(_, shape)| shape).eq(other.iter().rev().map(|(_, shape)| shape)), "{first}");
+        }
+        // The rim between the first two points hides what is behind it, too.
+        let line = look(0.0035, |a| if a < -0.3482 { 4.0 } else { 10.0 });
+        assert!(shapes(&line)[..=SIDE + 1].iter().all(|(_, shape)| *shape == Shape::None));
     }
 
     #[test]
