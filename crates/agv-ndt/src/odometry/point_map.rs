@@ -15,7 +15,7 @@ const EDGE: i32 = 4;
 /// Most points of a block. A surface meets 16 to 40 of the 64 cubes; what finds no place is left out.
 const CAPACITY: usize = 40;
 
-/// Clouds after which a mean moves as if there were no more of them: a world that changes is followed.
+/// Points of a cube after which its mean moves as if there were no more of them: a world that changes is followed.
 const MEMORY: u16 = 64;
 
 /// No point of this cube.
@@ -114,8 +114,11 @@ impl PointMap {
     }
 
     /// Offsets of the `N` points nearest to `query` from it, nearest first; `None` if there are not as many within `radius` metres
-    /// and [`reach`](Self::reach).
+    /// and [`reach`](Self::reach), as for a query that is not finite and a radius that is negative or NaN.
     pub fn nearest<const N: usize>(&self, query: &Vector3<f64>, radius: f64) -> Option<[Vector3<f32>; N]> {
+        if !(radius >= 0.0 && query.iter().all(|v| v.is_finite())) {
+            return None;
+        }
         let radius = radius.min(self.reach()) as f32;
         let mut found = Nearest { offsets: [Vector3::zeros(); N], squares: [radius * radius; N], count: 0 };
         let scaled = query / self.edge();
@@ -281,5 +284,12 @@ mod tests {
             assert!(map.nearest::<1>(&point, 1.0).is_none());
         }
         assert!(map.is_empty());
+        let near = Vector3::repeat(0.05);
+        map.insert(&near);
+        assert!(map.nearest::<1>(&Vector3::zeros(), 1.0).is_some());
+        assert!(map.nearest::<1>(&Vector3::new(0.0, f64::NAN, 0.0), 1.0).is_none());
+        for radius in [f64::NAN, -1.0, 0.0] {
+            assert!(map.nearest::<1>(&Vector3::zeros(), radius).is_none(), "{radius}");
+        }
     }
 }
