@@ -46,7 +46,7 @@ pub struct LoamParams {
     pub max_surfaces: usize,
     /// Most edges of a cloud that are matched.
     pub max_edges: usize,
-    /// Most rounds of matching on a level.
+    /// Most rounds of matching on the finest level.
     pub max_rounds: usize,
     /// When the improvement of a pose with fixed matches stops; its tolerances also end the rounds.
     pub descent: DescentParams,

@@ -37,7 +37,7 @@ pub struct GroundParams {
 
 impl Default for GroundParams {
     /// 10° as both sources; 0.3 m as [`CloudToScan`](crate::convert::CloudToScan); 10 cm holds five standard deviations of a lidar. Where
-    /// one point in five is ground, 400 trials miss it three times in a hundred.
+    /// one point in five is ground, 400 trials miss it four times in a hundred.
     fn default() -> Self {
         Self { max_slope: 10_f64.to_radians(), max_height: 0.3, plane_distance: 0.1, trials: 400, seed: Seed(0) }
     }
