@@ -66,6 +66,8 @@ pub struct Segmenter {
     labels: Vec<u32>,
     columns: usize,
     queue: Vec<u32>,
+    /// Start of the cluster, plus one, that last met each row.
+    row_seen: Vec<u32>,
 }
 
 /// Label of cells that were looked at and belong to no cluster.
@@ -82,7 +84,7 @@ impl Segmenter {
         check::in_range("line_angle", params.line_angle, 0.0, 0.5)?;
         check::at_least("min_cells", params.min_cells, 1)?;
         check::at_least("min_narrow_cells", params.min_narrow_cells, 1)?;
-        Ok(Self { params, labels: Vec::new(), columns: 0, queue: Vec::new() })
+        Ok(Self { params, labels: Vec::new(), columns: 0, queue: Vec::new(), row_seen: Vec::new() })
     }
 
     /// Labels the image's cells, without those for which `leave_out(row, column)` is true, as the ground is; says how many clusters
@@ -92,6 +94,8 @@ impl Segmenter {
         self.columns = columns;
         self.labels.clear();
         self.labels.resize(rows * columns, 0);
+        self.row_seen.clear();
+        self.row_seen.resize(rows, 0);
         let (along, across) = (TAU / columns as f32, self.params.line_angle as f32);
         let tangent = self.params.min_angle.tan() as f32;
         let one_object = |a: f32, b: f32, angle: f32| {
@@ -107,13 +111,19 @@ impl Segmenter {
                 continue;
             }
             let label = clusters + 1;
+            // Never zero, and another for each start.
+            let mark = start as u32 + 1;
             self.queue.clear();
             self.queue.push(start as u32);
             self.labels[start] = label;
-            let (mut next, mut lines, mut last_row) = (0, 0, usize::MAX);
+            let (mut next, mut lines) = (0, 0);
             while let Some(&cell) = self.queue.get(next) {
                 next += 1;
                 let (row, column) = (cell as usize / columns, cell as usize % columns);
+                if let Some(seen) = self.row_seen.get_mut(row).filter(|seen| **seen != mark) {
+                    *seen = mark;
+                    lines += 1;
+                }
                 let Some(here) = image.range(row, column) else { continue };
                 // Neighbours of a full turn; none beyond the lowest and highest line.
                 let neighbours = [
@@ -130,12 +140,6 @@ impl Segmenter {
                         self.queue.push(cell as u32);
                     }
                 }
-            }
-            self.queue.sort_unstable();
-            for &cell in &self.queue {
-                let row = cell as usize / columns;
-                lines += usize::from(row != last_row);
-                last_row = row;
             }
             let narrow = self.queue.len() >= self.params.min_narrow_cells && lines >= self.params.min_lines;
             if self.queue.len() >= self.params.min_cells || narrow {
