@@ -197,14 +197,21 @@ impl FeatureExtractor {
         // What is marked as off all lines is not a line.
         let rows = usize::from(ring.iter().copied().filter(|ring| *ring != u16::MAX).max().unwrap_or(0)) + 1;
         let columns = COLUMNS.min(RangeImage::MAX_CELLS / rows);
-        if self.image.as_ref().is_none_or(|image| image.rows() < rows || image.columns() != columns) {
+        if self
+            .image
+            .as_ref()
+            .is_none_or(|image| !(rows..=4 * rows).contains(&image.rows()) || image.columns() != columns)
+        {
             self.image = Some(RangeImage::new(RangeImageParams { rows, columns, row_source: RowSource::Ring })?);
         }
         let Some(image) = &mut self.image else { return Ok(()) };
         image.fill(lined)?;
         let (image, params) = (&*image, &self.params);
-        self.lines.resize_with(image.rows().max(self.lines.len()), Line::default);
-        par.for_each_chunk(self.lines.as_mut_slice(), 1, |row, lines| {
+        if self.lines.len() < rows {
+            self.lines.resize_with(rows, Line::default);
+        }
+        let lines = &mut self.lines[..rows];
+        par.for_each_chunk(&mut *lines, 1, |row, lines| {
             for line in lines {
                 line.rebuild(image, row, params);
             }
@@ -216,7 +223,7 @@ impl FeatureExtractor {
             // A point without time would be anywhere.
             time.is_finite().then_some(Feature { position, time })
         };
-        for line in &self.lines {
+        for line in lines {
             out.edges.extend(line.edges.iter().filter_map(feature));
             out.surfaces.extend(line.surfaces.iter().filter_map(feature));
         }
