@@ -31,7 +31,7 @@ pub(super) struct Match {
     anchor: Option<Anchor>,
 }
 
-/// How far a feature may move before it is matched anew, as a share of the map's spacing: a plane through five points does not change
+/// How far a feature may move before it is matched anew, as a share of the spacing of what it is matched with: a plane through five points does not change
 /// over a tenth of their distance.
 const STILL: f64 = 0.1;
 
@@ -69,10 +69,10 @@ pub(super) fn choose(features: &PlacedFeatures, surfaces: usize, edges: usize, o
 /// Matches features at a pose, those that have moved since they were matched.
 pub(super) fn associate(matches: &mut [Match], map: &LocalMap, level: usize, pose: &Se3, par: Par) {
     let (planes, lines) = (map.level(level), map.edges());
-    let still = STILL * planes.spacing();
     par.for_each_chunk(matches, CHUNK, |_, matches| {
         for item in matches {
             let x = pose.act(&item.place);
+            let still = STILL * if item.is_edge { lines } else { planes }.spacing();
             if (x - item.matched_at).norm_squared() <= still * still {
                 continue;
             }
