@@ -5,7 +5,7 @@ use super::features::{FeatureExtractor, Features};
 use super::mapping::{LocalMap, PlacedFeatures};
 use super::params::{LoamParams, LoamSolve, LoamTarget};
 use crate::Error;
-use crate::odometry::MotionPrior;
+use crate::odometry::{MotionPrior, sweep};
 use agv_core::{
     check,
     compute::Par,
@@ -14,11 +14,12 @@ use agv_core::{
     sensors::PointCloud,
     time::Stamp,
 };
+use nalgebra::Vector6;
 
 /// Least deviation from the prediction that is reckoned with, in metres.
 const LEAST_SIGMA: f64 = 0.1;
 
-/// How far a motion may differ from what a cloud was deskewed with, in metres at its points, before that is done again.
+/// How far the motion in a sweep may differ from what a cloud was deskewed with, in metres at its points, before that is done again.
 const SKEW: f64 = 0.02;
 
 /// Clouds in a row that fit nowhere, after which the map is begun anew where the prediction is.
@@ -118,10 +119,10 @@ impl LoamOdometry {
         self.lost = 0;
     }
 
-    /// Puts the features where the base is at the cloud's stamp, given its motion in `seconds`.
-    fn place(&mut self, cloud: &PointCloud, motion: &Se3, seconds: f64) {
-        let twist = (cloud.time().is_some() && seconds > 0.0).then(|| motion.log() / seconds);
-        self.placed.rebuild(&self.features, &cloud.base_from_sensor(), twist.as_ref());
+    /// Puts the features where the base is at the cloud's stamp, given its velocity.
+    fn place(&mut self, cloud: &PointCloud, velocity: Option<&Vector6<f64>>) {
+        let velocity = velocity.filter(|_| cloud.time().is_some());
+        self.placed.rebuild(&self.features, &cloud.base_from_sensor(), velocity);
     }
 
     /// The pose of the base, which was at `origin` and moved by `motion`, give or take `sigma` metres at the features.
@@ -157,7 +158,7 @@ impl LoamOdometry {
     }
 
     fn begin(&mut self, cloud: &PointCloud, stamp: Stamp) -> LidarOdometryStep {
-        self.place(cloud, &Se3::identity(), 0.0);
+        self.place(cloud, None);
         self.remember(&Se3::identity());
         self.prior = Some(MotionPrior::new(stamp, self.params.initial_sigma));
         LidarOdometryStep { odom_from_base: Se3::identity(), alignment: None }
@@ -173,48 +174,62 @@ impl LidarOdometry for LoamOdometry {
         self.extractor.extract_into(cloud, self.par, &mut self.features)?;
         let stamp = cloud.stamp();
         let Some(mut state) = self.prior else { return Ok(self.begin(cloud, stamp)) };
-        let seconds = state.seconds_to(stamp);
         let predicted = prior.copied().unwrap_or_else(|| state.motion_until(stamp));
         let (origin, sigma) = (state.pose(), state.sigma());
         check::all_finite("predicted position", origin.compose(&predicted).translation().iter())?;
-        self.place(cloud, &predicted, seconds);
+        let sweep = sweep(cloud);
+        let velocity = |motion: &Se3| state.velocity(stamp, &origin.compose(motion), sweep);
+        let mut skewed = velocity(&predicted);
+        self.place(cloud, skewed.as_ref());
         let range = self.placed.mean_range();
         let mut found = self.track(&origin, &predicted, sigma);
         // The prediction may be worse than it has been, or what is wrong.
         let wide = self.params.initial_sigma.max(sigma);
-        let mut expected = predicted;
-        for motion in [predicted, Se3::identity()] {
-            if found.is_clear() {
-                break;
-            }
-            self.place(cloud, &motion, seconds);
-            let other = self.track(&origin, &motion, wide);
+        if !found.is_clear() && sigma.max(LEAST_SIGMA) < wide {
+            let other = self.track(&origin, &predicted, wide);
             if other.beats(&found) {
-                (found, expected) = (other, motion);
+                found = other;
+            }
+        }
+        if !found.is_clear() {
+            let still = velocity(&Se3::identity());
+            self.place(cloud, still.as_ref());
+            let other = self.track(&origin, &Se3::identity(), wide);
+            if other.beats(&found) {
+                (found, skewed) = (other, still);
             } else {
-                self.place(cloud, &expected, seconds);
+                self.place(cloud, skewed.as_ref());
             }
         }
         let mut found = found.alignment;
         let motion = origin.between(&found.target_from_source);
-        let turned = expected.between(&motion);
-        let skew = turned.translation().norm() + range * turned.rotation().log().norm();
-        if found.converged() && cloud.time().is_some() && seconds > 0.0 && skew > SKEW {
-            self.place(cloud, &motion, seconds);
-            found = self.track(&origin, &motion, LEAST_SIGMA).alignment;
+        if let (true, Some(before), Some(after)) = (found.converged(), skewed, velocity(&motion)) {
+            let off = after - before;
+            let skew = sweep * (off.fixed_rows::<3>(0).norm() + range * off.fixed_rows::<3>(3).norm());
+            if skew > SKEW {
+                self.place(cloud, Some(&after));
+                let again = self.track(&origin, &motion, LEAST_SIGMA).alignment;
+                if again.converged() {
+                    found = again;
+                } else {
+                    self.place(cloud, Some(&before));
+                }
+            }
         }
         let pose = if found.converged() { found.target_from_source } else { origin.compose(&predicted) };
         if found.converged() {
             state.learn(&origin.compose(&predicted), &pose, range);
             self.lost = 0;
         } else {
-            self.place(cloud, &predicted, seconds);
+            self.place(cloud, velocity(&predicted).as_ref());
             self.lost += 1;
             if self.lost >= GIVE_UP {
                 self.map.clear();
+                self.last.clear();
+                self.lost = 0;
             }
         }
-        if found.converged() || (self.map.is_empty() && self.last.is_empty()) || self.lost >= GIVE_UP {
+        if found.converged() || (self.map.is_empty() && self.last.is_empty()) {
             self.remember(&pose);
         }
         state.advance(stamp, &pose);

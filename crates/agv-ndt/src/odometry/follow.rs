@@ -1,6 +1,6 @@
 //! Odometry by any registration: each cloud is aligned with the local map of those before it.
 
-use super::{MotionPrior, PointMap};
+use super::{MotionPrior, PointMap, sweep};
 use crate::Error;
 use agv_core::{
     check,
@@ -9,7 +9,7 @@ use agv_core::{
     sensors::{ConstantTwist, Deskew, LidarReturn, PointCloud, VoxelGrid},
     time::Stamp,
 };
-use nalgebra::Vector3;
+use nalgebra::{Vector3, Vector6};
 
 /// How far the vehicle goes before the map forgets, as a share of its radius.
 const SLIDE: f64 = 0.1;
@@ -40,8 +40,9 @@ impl Default for FollowParams {
 
 /// Follows a lidar by a [`Registration`] against a sliding map of points.
 ///
-/// The map is handed to the registration anew for each cloud, so that its target's cost counts; [`LoamOdometry`] has a map that grows
-/// in place. Clouds with times are deskewed by the motion that is expected. The map keeps the mean of all clouds' points per cube.
+/// The map is handed to the registration anew after each cloud, so that its target's cost counts; [`LoamOdometry`] has a map that grows
+/// in place. Clouds with times are deskewed by the motion that is expected. The map keeps the mean of each cube's latest 64 points or so.
+/// Directions that the cloud does not fix keep the prediction.
 ///
 /// [`LoamOdometry`]: crate::loam::LoamOdometry
 ///
@@ -70,6 +71,8 @@ pub struct Follow<R> {
     source: PointCloud,
     map: PointMap,
     target: PointCloud,
+    /// Whether the registration has taken the map.
+    has_target: bool,
     center: Vector3<f64>,
     prior: Option<MotionPrior>,
     lost: usize,
@@ -84,6 +87,7 @@ impl<R: Registration> Follow<R> {
         check::positive("radius", params.radius)?;
         check::in_range("min_range", params.min_range, 0.0, params.radius)?;
         check::in_range("source_leaf", params.source_leaf, 0.01, 10.0)?;
+        check::in_range("map_leaf", params.map_leaf, 0.01, 100.0)?;
         Ok(Self {
             registration,
             grid: VoxelGrid::new(params.source_leaf as f32)?,
@@ -91,6 +95,7 @@ impl<R: Registration> Follow<R> {
             source: PointCloud::default(),
             map: PointMap::new(params.map_leaf)?,
             target: PointCloud::default(),
+            has_target: false,
             center: Vector3::zeros(),
             prior: None,
             lost: 0,
@@ -108,10 +113,9 @@ impl<R: Registration> Follow<R> {
         &self.map
     }
 
-    /// Puts the cloud where the base is at its stamp, given the motion in `seconds`; thinned out.
-    fn place(&mut self, cloud: &PointCloud, motion: &Se3, seconds: f64) -> Result<(), AlignmentError> {
-        if cloud.time().is_some() && seconds > 0.0 {
-            let twist = motion.log() / seconds;
+    /// Puts the cloud where the base is at its stamp, given its velocity; thinned out.
+    fn place(&mut self, cloud: &PointCloud, velocity: Option<&Vector6<f64>>) -> Result<(), AlignmentError> {
+        if let Some(twist) = velocity.filter(|_| cloud.time().is_some()) {
             let (linear, angular) = (twist.fixed_rows::<3>(0).into_owned(), twist.fixed_rows::<3>(3).into_owned());
             let twist = Twist3 { linear, angular };
             Deskew::cloud_into(cloud, &ConstantTwist::spatial(cloud.stamp(), &twist)?, &mut self.straight);
@@ -136,11 +140,12 @@ impl<R: Registration> Follow<R> {
         // Around the centre, so that `f32` serves far from the origin.
         let place = |point: Vector3<f64>| LidarReturn { position: (point - self.center).cast(), ..Default::default() };
         self.target.refill(Stamp::default(), self.map.points().map(place));
+        self.has_target = self.registration.set_target(&self.target).is_ok();
     }
 
     fn track(&mut self, guess: &Se3) -> Result<Alignment<Se3>, AlignmentError> {
         let odom_from_target = Se3::from_parts(self.center, So3::default());
-        if self.registration.set_target(&self.target).is_err() {
+        if !self.has_target {
             return Ok(Alignment::unknown(*guess, Termination::TooFewPoints));
         }
         let mut found = self.registration.align(&self.source, &odom_from_target.between(guess))?;
@@ -157,16 +162,16 @@ impl<R: Registration> LidarOdometry for Follow<R> {
         }
         let stamp = cloud.stamp();
         let Some(mut state) = self.prior else {
-            self.place(cloud, &Se3::identity(), 0.0)?;
+            self.place(cloud, None)?;
             self.remember(&Se3::identity());
             self.prior = Some(MotionPrior::new(stamp, 0.0));
             return Ok(LidarOdometryStep { odom_from_base: Se3::identity(), alignment: None });
         };
-        let (origin, seconds) = (state.pose(), state.seconds_to(stamp));
-        let predicted = prior.copied().unwrap_or_else(|| state.motion_until(stamp));
-        check::all_finite("predicted position", origin.compose(&predicted).translation().iter())?;
-        self.place(cloud, &predicted, seconds)?;
-        let mut found = self.track(&origin.compose(&predicted))?;
+        let origin = state.pose();
+        let predicted = origin.compose(&prior.copied().unwrap_or_else(|| state.motion_until(stamp)));
+        check::all_finite("predicted position", predicted.translation().iter())?;
+        self.place(cloud, state.velocity(stamp, &predicted, sweep(cloud)).as_ref())?;
+        let mut found = self.track(&predicted)?;
         if !found.converged() {
             // The prediction may be what is wrong: once more from where the vehicle was.
             let other = self.track(&origin)?;
@@ -175,10 +180,19 @@ impl<R: Registration> LidarOdometry for Follow<R> {
             }
         }
         let usable = found.converged() || found.termination == Termination::Degenerate;
-        let pose = if usable { found.target_from_source } else { origin.compose(&predicted) };
+        if usable && found.unobserved.trace() > 0.5 {
+            // Where the cloud leaves the pose free, it is where noise has it.
+            let held = found.target_from_source;
+            let held = held.plus(&(found.unobserved * predicted.minus(&held)));
+            if held.is_finite() {
+                found.target_from_source = held;
+            }
+        }
+        let pose = if usable { found.target_from_source } else { predicted };
         self.lost = if usable { 0 } else { self.lost + 1 };
         if self.lost >= GIVE_UP {
             self.map.clear();
+            self.lost = 0;
         }
         if usable || self.map.is_empty() {
             self.remember(&pose);
@@ -194,7 +208,7 @@ mod tests {
     use super::*;
     use crate::gicp::{PointMetric, PointParams, PointRegistration};
     use crate::ndt::{NdtParams, NdtRegistration};
-    use crate::scenes::{ROOM, cloud, sheets};
+    use crate::scenes::{CORRIDOR, ROOM, cloud, sheets};
     use agv_core::{geometry::Se2, roles::laws};
 
     fn seen(pose: &Se3, draw: u32) -> PointCloud {
@@ -220,6 +234,23 @@ mod tests {
         let plane = PointParams { metric: PointMetric::PointToPlane, ..PointParams::default() };
         check(&PointRegistration::new(plane).unwrap(), 0.02);
         check(&NdtRegistration::new(NdtParams::default()).unwrap(), 0.02);
+    }
+
+    #[test]
+    fn along_a_corridor_the_prior_is_kept() {
+        fn walk(registration: impl Registration) {
+            let shift = |x: f64, y: f64, yaw: f64| Se3::from(Se2::new(x, y, yaw));
+            let (pose, prior) = (shift(0.5, 0.05, 0.0), shift(0.43, 0.0, 0.02));
+            let mut odometry = Follow::new(registration, FollowParams::default()).unwrap();
+            odometry.process(&cloud(&sheets(&CORRIDOR, 20.0, 0), &Se3::identity()), None).unwrap();
+            let step = odometry.process(&cloud(&sheets(&CORRIDOR, 20.0, 1), &pose), Some(&prior)).unwrap();
+            let found = step.odom_from_base.translation();
+            assert!((step.alignment.unwrap().unobserved.trace() - 1.0).abs() < 1e-6, "{step:?}");
+            assert!((found.x - 0.43).abs() < 0.01, "{found}");
+            assert!((found.y - 0.05).abs() < 0.03 && found.z.abs() < 0.03, "{found}");
+        }
+        walk(NdtRegistration::new(NdtParams::default()).unwrap());
+        walk(PointRegistration::new(PointParams::default()).unwrap());
     }
 
     #[test]
