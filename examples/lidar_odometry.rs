@@ -2,6 +2,7 @@
 //!
 //! ```text
 //! cargo run --release --example lidar_odometry                                            # a simulated drive with 16 lines
+//! cargo run --release --example lidar_odometry -- --seconds 60                            # the whole of it
 //! cargo run --release --example lidar_odometry -- --scans run/*.pcd --poses run.tum --method loam
 //! cargo run --release --example lidar_odometry -- --scans os0_0*.xyz.i16mm2.gz --poses os0_poses.csv --method gicp
 //! ```
@@ -11,7 +12,7 @@
 //! scans.
 //!
 //! You will see how far the trajectory is from the poses, step by step and in the end, and how long a scan takes. `trajectory.tum`,
-//! `trajectory.kitti` and a picture of the map are written to the output folder. The drive takes some seconds.
+//! `trajectory.kitti` and a picture of the map are written to the output folder. The drive takes a few seconds.
 
 #[path = "lidar_odometry/judge.rs"]
 mod judge;
@@ -55,6 +56,9 @@ struct Args {
     /// Laser lines of the simulated drive
     #[arg(long, value_enum, default_value_t = simulate::Lines::L16)]
     lines: simulate::Lines,
+    /// How long the simulated drive takes at most, in seconds: the whole of it takes 51
+    #[arg(long, default_value_t = 15.0)]
+    seconds: f64,
     #[command(flatten)]
     common: CommonArgs,
 }

@@ -1,7 +1,8 @@
-//! A drive through a generated factory: the end of an aisle, round the rack, and back along the next.
+//! A drive through a generated factory: the end of an aisle, round the rack, and back along the next, as far as time allows.
 
 use crate::{Args, Result, load::Drive};
 use agv_nav::core::{
+    check,
     geometry::{Se2, Se3, So3, Twist2, wrap_angle},
     nalgebra::{Vector2, Vector3},
     sensors::PointCloud,
@@ -49,7 +50,7 @@ pub(crate) fn drive(args: &Args) -> Result<Drive> {
     let mut simulator = Simulator3d::new(factory.world(), vehicle, DT)?.with_lidar(lidar)?;
     let mut drive = Drive { scans: Vec::new(), truth: Vec::new() };
     let mut next = 0;
-    for _ in 0..STEPS {
+    for _ in 0..STEPS.min(check::positive("seconds", args.seconds).map(|s| (s / DT) as usize)?) {
         let here = simulator.vehicle().truth().map_from_base;
         let ahead = way[next] - here.translation();
         if ahead.norm() < 0.7 {
