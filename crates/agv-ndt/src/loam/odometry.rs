@@ -5,7 +5,7 @@ use super::features::{FeatureExtractor, Features};
 use super::mapping::{LocalMap, PlacedFeatures};
 use super::params::{LoamParams, LoamSolve, LoamTarget};
 use crate::Error;
-use crate::odometry::{MotionPrior, sweep};
+use crate::odometry::{MotionPrior, is_skewed, sweep};
 use agv_core::{
     check,
     compute::Par,
@@ -18,9 +18,6 @@ use nalgebra::Vector6;
 
 /// Least deviation from the prediction that is reckoned with, in metres.
 const LEAST_SIGMA: f64 = 0.1;
-
-/// How far the motion in a sweep may differ from what a cloud was deskewed with, in metres at its points, before that is done again.
-const SKEW: f64 = 0.02;
 
 /// Clouds in a row that fit nowhere, after which the map is begun anew where the prediction is.
 const GIVE_UP: usize = 5;
@@ -203,17 +200,15 @@ impl LidarOdometry for LoamOdometry {
         }
         let mut found = found.alignment;
         let motion = origin.between(&found.target_from_source);
-        if let (true, Some(before), Some(after)) = (found.converged(), skewed, velocity(&motion)) {
-            let off = after - before;
-            let skew = sweep * (off.fixed_rows::<3>(0).norm() + range * off.fixed_rows::<3>(3).norm());
-            if skew > SKEW {
-                self.place(cloud, Some(&after));
-                let again = self.track(&origin, &motion, LEAST_SIGMA).alignment;
-                if again.converged() {
-                    found = again;
-                } else {
-                    self.place(cloud, Some(&before));
-                }
+        if let (true, Some(before), Some(after)) = (found.converged(), skewed, velocity(&motion))
+            && is_skewed(&before, &after, sweep, range)
+        {
+            self.place(cloud, Some(&after));
+            let again = self.track(&origin, &motion, LEAST_SIGMA).alignment;
+            if again.converged() {
+                found = again;
+            } else {
+                self.place(cloud, Some(&before));
             }
         }
         let pose = if found.converged() { found.target_from_source } else { origin.compose(&predicted) };

@@ -1,6 +1,8 @@
 //! What the odometry does on scenes whose truth is known.
 
 use super::*;
+use crate::ndt::{NdtParams, NdtRegistration};
+use crate::odometry::{Follow, FollowParams};
 use crate::scenes::{CORRIDOR, ROOM, cloud, sheets};
 use agv_core::{
     compute::{Par, Seed},
@@ -215,6 +217,16 @@ fn a_skewed_drive_with_16_lines_is_followed_to_the_same_bits_for_any_threads() {
         assert!(error.fixed_rows::<3>(0).norm() < 0.1 && error.fixed_rows::<3>(3).norm() < 0.01, "{error:?}");
     }
     assert_eq!(follow(Par::threads(3)), steps);
+}
+
+#[test]
+fn a_skewed_drive_is_followed_by_distributions_too() {
+    let params = FollowParams { source_leaf: 0.25, map_leaf: 0.1, ..FollowParams::default() };
+    let mut odometry = Follow::new(NdtRegistration::new(NdtParams::default()).unwrap(), params).unwrap();
+    for (cloud, truth) in drive(LidarParams::uniform64(), 60) {
+        let error = truth.between(&odometry.process(&cloud, None).unwrap().odom_from_base).log();
+        assert!(error.norm() < 0.15, "{error:?}");
+    }
 }
 
 #[test]

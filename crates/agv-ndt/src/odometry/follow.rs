@@ -1,6 +1,6 @@
 //! Odometry by any registration: each cloud is aligned with the local map of those before it.
 
-use super::{MotionPrior, PointMap, sweep};
+use super::{MotionPrior, PointMap, is_skewed, sweep};
 use crate::Error;
 use agv_core::{
     check,
@@ -41,7 +41,7 @@ impl Default for FollowParams {
 /// Follows a lidar by a [`Registration`] against a sliding map of points.
 ///
 /// The map is handed to the registration anew after each cloud, so that its target's cost counts; [`LoamOdometry`] has a map that grows
-/// in place. Clouds with times are deskewed by the motion that is expected. The map keeps the mean of each cube's latest 64 points or so.
+/// in place. Clouds with times are deskewed by the motion that is expected, and again if another is found. The map keeps the mean of each cube's latest 64 points or so.
 /// Directions that the cloud does not fix keep the prediction.
 ///
 /// [`LoamOdometry`]: crate::loam::LoamOdometry
@@ -143,6 +143,12 @@ impl<R: Registration> Follow<R> {
         self.has_target = self.registration.set_target(&self.target).is_ok();
     }
 
+    /// Mean distance of the cloud's points from the base, in metres.
+    fn mean_range(&self) -> f64 {
+        let sum: f64 = self.source.points().map(|point| f64::from(point.norm())).sum();
+        sum / self.source.len().max(1) as f64
+    }
+
     fn track(&mut self, guess: &Se3) -> Result<Alignment<Se3>, AlignmentError> {
         let odom_from_target = Se3::from_parts(self.center, So3::default());
         if !self.has_target {
@@ -152,6 +158,19 @@ impl<R: Registration> Follow<R> {
         found.target_from_source = odom_from_target.compose(&found.target_from_source);
         Ok(found)
     }
+}
+
+/// Whether a result can be used; its pose is then the prediction's along what the cloud leaves free, where noise has it otherwise.
+fn hold(found: &mut Alignment<Se3>, predicted: &Se3) -> bool {
+    if !found.converged() && found.termination != Termination::Degenerate {
+        return false;
+    }
+    let pose = found.target_from_source;
+    let held = pose.plus(&(found.unobserved * predicted.minus(&pose)));
+    if found.unobserved.trace() > 0.5 && held.is_finite() {
+        found.target_from_source = held;
+    }
+    true
 }
 
 impl<R: Registration> LidarOdometry for Follow<R> {
@@ -170,7 +189,9 @@ impl<R: Registration> LidarOdometry for Follow<R> {
         let origin = state.pose();
         let predicted = origin.compose(&prior.copied().unwrap_or_else(|| state.motion_until(stamp)));
         check::all_finite("predicted position", predicted.translation().iter())?;
-        self.place(cloud, state.velocity(stamp, &predicted, sweep(cloud)).as_ref())?;
+        let sweep = sweep(cloud);
+        let skewed = state.velocity(stamp, &predicted, sweep);
+        self.place(cloud, skewed.as_ref())?;
         let mut found = self.track(&predicted)?;
         if !found.converged() {
             // The prediction may be what is wrong: once more from where the vehicle was.
@@ -179,13 +200,18 @@ impl<R: Registration> LidarOdometry for Follow<R> {
                 found = other;
             }
         }
-        let usable = found.converged() || found.termination == Termination::Degenerate;
-        if usable && found.unobserved.trace() > 0.5 {
-            // Where the cloud leaves the pose free, it is where noise has it.
-            let held = found.target_from_source;
-            let held = held.plus(&(found.unobserved * predicted.minus(&held)));
-            if held.is_finite() {
-                found.target_from_source = held;
+        let usable = hold(&mut found, &predicted);
+        let after = state.velocity(stamp, &found.target_from_source, sweep);
+        if let (true, Some(before), Some(after)) = (usable, skewed, after)
+            && is_skewed(&before, &after, sweep, self.mean_range())
+        {
+            // A pose found with one velocity's skew would spoil the next velocity by half of that, to and fro.
+            self.place(cloud, Some(&after))?;
+            let mut again = self.track(&found.target_from_source)?;
+            if hold(&mut again, &predicted) {
+                found = again;
+            } else {
+                self.place(cloud, Some(&before))?;
             }
         }
         let pose = if usable { found.target_from_source } else { predicted };

@@ -6,4 +6,4 @@ mod prior;
 
 pub use follow::{Follow, FollowParams};
 pub use point_map::PointMap;
-pub(crate) use prior::{MotionPrior, sweep};
+pub(crate) use prior::{MotionPrior, is_skewed, sweep};

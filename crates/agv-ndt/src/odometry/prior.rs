@@ -115,6 +115,15 @@ impl MotionPrior {
     }
 }
 
+/// How far the motion in a sweep may differ from what a cloud was deskewed with, in metres at its points, before that is done again.
+const SKEW: f64 = 0.02;
+
+/// Whether the points of a `sweep` of so many seconds, at a mean `range`, are skewed if one velocity was taken for another.
+pub(crate) fn is_skewed(taken: &Vector6<f64>, found: &Vector6<f64>, sweep: f64, range: f64) -> bool {
+    let off = found - taken;
+    sweep * (off.fixed_rows::<3>(0).norm() + range * off.fixed_rows::<3>(3).norm()) > SKEW
+}
+
 /// Greatest time of a cloud's points from its stamp, in seconds; zero without times. What is beyond a second is no sweep.
 pub(crate) fn sweep(cloud: &PointCloud) -> f64 {
     let times = cloud.time().unwrap_or_default().iter().map(|time| time.abs());
