@@ -8,6 +8,7 @@ mod frames_and_solvers;
 mod gaussian;
 mod grids;
 mod kalman;
+mod lidar_odometry;
 mod localization;
 mod mapping;
 mod navigation;

@@ -4,9 +4,11 @@ use crate::{counter, scenes};
 use agv_nav::core::{
     geometry::Se2,
     grid::{EvidenceGrid, GridLayout, InverseModelParams, OccupancyGrid, OccupancyParams},
+    roles::{ScanMatcher, TargetScan},
     sensors::{LaserScan, ScanGeometry},
     time::Stamp,
 };
+use agv_nav::filters::matching::{CorrelativeMatcher, CorrelativeParams, FieldMatcher, FieldMatcherParams};
 
 #[test]
 fn insertion() {
@@ -40,4 +42,24 @@ fn insertion_of_scans_as_they_come() {
     };
     run(&drive[..1]);
     assert_eq!(counter::count(|| run(&drive[1..])), 0);
+}
+
+#[test]
+fn scan_matchers() {
+    let drive = scenes::circle(12);
+    let target = [TargetScan { target_from_base: Se2::default(), scan: &drive[0].1 }];
+    let mut correlative = CorrelativeMatcher::new(CorrelativeParams::default()).unwrap();
+    let mut field = FieldMatcher::new(FieldMatcherParams::default()).unwrap();
+    let matchers: [&mut dyn ScanMatcher; 2] = [&mut correlative, &mut field];
+    for matcher in matchers {
+        matcher.set_target(&target).unwrap();
+        let mut run = || {
+            for (_, scan) in &drive {
+                matcher.match_scan(scan, &Se2::new(0.1, 0.0, 0.1)).unwrap();
+            }
+        };
+        // The search takes memory for the turns that the farthest end point asks for.
+        run();
+        assert_eq!(counter::count(run), 0);
+    }
 }

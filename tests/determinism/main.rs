@@ -6,12 +6,14 @@
 
 mod digest;
 mod grids;
+mod lidar_odometry;
 mod local_planning;
 mod localization;
 mod particle_models;
 mod planning;
 mod registration;
 mod sensing;
+mod slam;
 mod threads;
 mod tuning;
 

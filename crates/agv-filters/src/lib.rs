@@ -18,6 +18,12 @@
 //! [`graph`] holds poses that relations tie together, and corrects them all where a place is met again ([`graph::PoseGraph`],
 //! [`graph::PoseGraphSolver`]), in the plane and in space.
 //!
+//! [`matching`] tells where a laser scan was taken by other scans or a map: [`matching::CorrelativeMatcher`] by a search,
+//! [`matching::FieldMatcher`] from a guess.
+//!
+//! [`slam`] makes the map on the way: [`slam::GraphSlam`] ties scans together in a pose graph, [`slam::Rbpf`] gives each particle of a
+//! filter a map of its own.
+//!
 //! [`tracking`] finds what moves around the vehicle: [`tracking::ObstacleTracker`].
 //!
 //! [`marker`] turns codes and landmarks into poses: [`marker::CodeReader`] locates floor codes in an image,
@@ -35,5 +41,7 @@ pub mod graph;
 pub mod kalman;
 pub mod landmark;
 pub mod marker;
+pub mod matching;
 pub mod particle;
+pub mod slam;
 pub mod tracking;

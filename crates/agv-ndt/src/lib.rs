@@ -1,16 +1,19 @@
-//! 3D: preprocessing, registration, and conversion to 2D.
+//! 3D: preprocessing, registration, odometry and mapping, and conversion to 2D.
 //!
 //! # Overview
 //! Where was this cloud taken, given another one or a map? [`ndt`] answers with normal distributions in voxels, [`gicp`] with pairs of
 //! points; both play the role [`Registration`](agv_core::roles::Registration) and are made of the parts in [`registration`].
-//! [`ndt::NdtLocalizer`] follows a vehicle in a map. [`preprocess`] finds neighbours and normals, [`convert`] makes laser scans and
-//! grids of clouds.
+//! Where does the lidar go? [`loam`] follows it by edges and surfaces, [`odometry`] by any registration; both play the role
+//! [`LidarOdometry`](agv_core::roles::LidarOdometry). [`ndt::NdtLocalizer`] follows a vehicle in a map. [`preprocess`] finds
+//! neighbours, normals, ground, clusters and outliers, [`convert`] makes laser scans and grids of clouds.
 //!
 //! | users have | take |
 //! |---|---|
 //! | a map, or clouds that are far apart | [`ndt::NdtRegistration`]: fastest, and finds the pose from metres away |
 //! | two thin clouds, and a guess within half a metre | [`gicp::PointRegistration`]: a point per 0.25 m of the target is enough |
 //! | a vehicle on an even floor | either with [`registration::Freedom::Planar`] |
+//! | one cloud after the other | [`loam::LoamOdometry`]: pose and local map in one call per cloud |
+//! | the same, and a registration of their own | [`odometry::Follow`] |
 //! | two full clouds, and little time | [`ndt::DistributionRegistration`]: hundreds of pairs instead of thousands of points |
 //! | a map, odometry, and clouds | [`ndt::NdtLocalizer`] |
 //! | laser scans | [`ndt::NdtScanMatcher`] |
@@ -50,7 +53,9 @@ pub mod convert;
 mod eigen;
 mod error;
 pub mod gicp;
+pub mod loam;
 pub mod ndt;
+pub mod odometry;
 pub mod preprocess;
 pub mod registration;
 #[cfg(test)]

@@ -120,6 +120,14 @@ impl Report {
         self.put(key, Figure::Reports(reports))
     }
 
+    /// Adds all figures of another report.
+    pub fn append(&mut self, other: &Self) -> &mut Self {
+        for (key, figure) in &other.figures {
+            self.put(key, figure.clone());
+        }
+        self
+    }
+
     fn put(&mut self, key: &str, figure: Figure) -> &mut Self {
         match self.figures.iter_mut().find(|(known, _)| known == key) {
             Some((_, slot)) => *slot = figure,

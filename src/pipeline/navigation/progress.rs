@@ -84,7 +84,9 @@ mod tests {
         let mut progress = Progress::new();
         assert!(drive(&mut progress, 0.0, 30.0) >= 80);
         assert!(progress.standing() < 1.0);
-        (0..50).for_each(|_| drop(progress.update(&Se2::new(30.0, 0.0, 0.0), 0.1, 0.3)));
+        for _ in 0..50 {
+            progress.update(&Se2::new(30.0, 0.0, 0.0), 0.1, 0.3);
+        }
         assert!(progress.standing() >= 5.0);
         progress.pause(1.0);
         assert!(progress.standing() < 5.0);

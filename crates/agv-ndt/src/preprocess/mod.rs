@@ -1,7 +1,15 @@
 //! What clouds go through before they are aligned. Down-sampling is in the core: [`VoxelGrid`](agv_core::sensors::VoxelGrid).
 
+mod ground;
 mod kd_tree;
+mod lines;
 mod normals;
+mod outliers;
+mod segment;
 
+pub use ground::{GroundFilter, GroundParams, GroundPlane};
 pub use kd_tree::{KdTree, MAX_NEIGHBOURS, Neighbour};
+pub use lines::LineFinder;
 pub use normals::NormalParams;
+pub use outliers::{OutlierFilter, OutlierParams};
+pub use segment::{SegmentParams, Segmenter};

@@ -1,0 +1,26 @@
+//! Where was this scan taken: matching laser scans against scans at known poses, or against a map.
+//!
+//! [`CorrelativeMatcher`] searches a window of poses exhaustively, and fast: branch and bound over grids of several resolutions (Olson,
+//! *Real-time correlative scan matching*, 2009; Hess et al., *Real-time loop closure in 2D lidar SLAM*, 2016). No guess within the
+//! window leads it astray, so that it serves odometry that slips as well as loop closures. What it finds to a cell is refined to a
+//! fraction of one by a descent that puts points on lines (Censi, *An ICP variant using a point-to-line metric*, 2008), whose Hessian
+//! is the information of the [`Alignment`](agv_core::roles::Alignment); directions that no surface fixes, as in a long corridor, are
+//! named.
+//!
+//! [`FieldMatcher`] needs a guess and follows the slope of an interpolated likelihood field instead (the class of Hector SLAM and of
+//! Cartographer's scan matcher): for surfaces that are no lines, and where no search is wanted.
+
+mod correlative;
+mod field;
+mod params;
+mod pyramid;
+mod refine;
+mod search;
+mod target;
+#[cfg(test)]
+mod tests;
+
+pub use correlative::CorrelativeMatcher;
+pub use field::{FieldMatcher, FieldMatcherParams};
+pub use params::{CorrelativeParams, SearchWindow};
+pub(crate) use target::{Squares, thin_into};

@@ -1,0 +1,90 @@
+//! Greatest values of a grid over squares of cells: bounds for a search by halves.
+//!
+//! Level `k` holds for every cell the greatest value of the `2^k` by `2^k` cells of which it is the lower-left one (Hess et al. 2016,
+//! Eq. 12), for cells left of and below the grid too, whose squares reach into it. Each level is made of the one before by two
+//! maxima per direction, O(cells).
+
+/// A grid of small whole numbers, and its maxima.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Pyramid {
+    levels: Vec<Level>,
+}
+
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Level {
+    width: usize,
+    height: usize,
+    /// How many columns and rows come before those of the grid.
+    before: i32,
+    values: Vec<u8>,
+}
+
+impl Pyramid {
+    /// The finest level alone, its cells row by row.
+    pub(super) fn new(width: usize, values: Vec<u8>) -> Self {
+        let height = values.len() / width.max(1);
+        Self { levels: vec![Level { width, height, before: 0, values }] }
+    }
+
+    /// Makes the levels up to this one, unless they are there.
+    pub(super) fn grow(&mut self, level: usize) {
+        while self.levels.len() <= level {
+            let Some(last) = self.levels.last() else { return };
+            let next = last.doubled(1 << (self.levels.len() - 1));
+            self.levels.push(next);
+        }
+    }
+
+    /// Greatest value of the square whose lower-left cell this is; zero where it meets nothing. The level must have been made.
+    #[inline]
+    pub(super) fn at(&self, level: usize, x: i32, y: i32) -> u8 {
+        let level = &self.levels[level];
+        let (x, y) = ((x + level.before) as u32 as usize, (y + level.before) as u32 as usize);
+        if x < level.width && y < level.height { level.values[y * level.width + x] } else { 0 }
+    }
+}
+
+impl Level {
+    /// The level of squares twice as wide, by half of their width.
+    fn doubled(&self, half: usize) -> Self {
+        let (width, height) = (self.width + half, self.height + half);
+        let mut values = vec![0; width * height];
+        for (y, row) in self.values.chunks_exact(self.width).enumerate() {
+            for start in [y, y + half].map(|y| y * width) {
+                for shift in [0, half] {
+                    raise(&mut values[start + shift..start + shift + self.width], row);
+                }
+            }
+        }
+        Self { width, height, before: self.before + half as i32, values }
+    }
+}
+
+#[inline]
+fn raise(values: &mut [u8], others: &[u8]) {
+    values.iter_mut().zip(others).for_each(|(value, other)| *value = (*value).max(*other));
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn levels_are_the_maxima_of_their_squares() {
+        let (width, height) = (11_i32, 7_i32);
+        let value = |x: i32, y: i32| {
+            if (0..width).contains(&x) && (0..height).contains(&y) { ((x * 37 + y * 101) % 251) as u8 } else { 0 }
+        };
+        let values = (0..width * height).map(|i| value(i % width, i / width)).collect();
+        let mut pyramid = Pyramid::new(width as usize, values);
+        pyramid.grow(3);
+        for level in 0..4 {
+            let span = 1 << level;
+            for (x, y) in (-12..16).flat_map(|x| (-12..12).map(move |y| (x, y))) {
+                let square = (x..x + span).flat_map(|x| (y..y + span).map(move |y| (x, y)));
+                let expected = square.map(|(x, y)| value(x, y)).max().unwrap();
+                assert_eq!(pyramid.at(level, x, y), expected, "level {level} ({x}, {y})");
+            }
+        }
+    }
+}

@@ -1,0 +1,73 @@
+//! Which closures to believe, and what they change.
+
+use super::{
+    GraphSlam,
+    closures::{self, Closure},
+    slam::CLOSURE_KERNEL,
+};
+use crate::graph::{PoseId, Relation};
+use agv_core::{Error, geometry::LieGroup, roles::AlignmentError};
+
+/// Squared residual beyond which a closure contradicts the rest.
+const CONTRADICTION: f64 = 100.0;
+
+/// Way over which closures wait for others that agree, in metres.
+const PATIENCE: f64 = 8.0;
+
+impl GraphSlam {
+    /// Seeks closures of the last key scan; how many are believed.
+    pub(super) fn close_loops(&mut self) -> Result<usize, AlignmentError> {
+        let params = self.params.closure;
+        let window = params.window_after(self.path - self.tied);
+        let found = closures::find(&self.keys, self.graph.poses(), window, &self.params, self.derived.par)?;
+        let (poses, keys, path) = (self.graph.poses(), &self.keys, self.path);
+        self.pending.retain(|closure| path - keys[closure.to as usize].path <= PATIENCE);
+        let Some(here) = poses.last() else { return Ok(0) };
+        let mut believed = Vec::new();
+        for closure in found {
+            let Some(claim) = closures::claimed(&closure, poses) else { continue };
+            if closures::agree(&claim, here, params.agreement) {
+                believed.push(closure);
+                continue;
+            }
+            let seconds = |other: &Closure| {
+                other.to != closure.to
+                    && closures::claimed(other, poses)
+                        .is_some_and(|other| closures::agree(&claim, &other, params.agreement))
+            };
+            if self.pending.iter().filter(|other| seconds(other)).count() + 1 >= params.confirmations {
+                believed.extend(self.pending.extract_if(.., |other| seconds(other)));
+                believed.push(closure);
+            } else {
+                self.pending.push(closure);
+            }
+        }
+        for Closure { from, to, from_from_to, information } in &believed {
+            let relation = Relation::new(PoseId(*from), PoseId(*to), *from_from_to, *information);
+            self.graph.add_relation(relation.with_kernel(CLOSURE_KERNEL))?;
+            self.tied = path;
+        }
+        Ok(believed.len())
+    }
+
+    /// Moves all poses to where the relations fit best, and takes out closures that contradict the rest; whether it went well.
+    ///
+    /// Closures do this by themselves. Time is that of the pose graph: some milliseconds for a thousand key scans.
+    ///
+    /// # Errors
+    /// [`Error::TooMany`] for a graph that memory has no room for.
+    pub fn correct(&mut self) -> Result<bool, Error> {
+        let mut report = self.derived.solver.optimize(&mut self.graph)?;
+        let poses = self.graph.poses().to_vec();
+        let before = self.graph.relations().len();
+        self.graph.retain_relations(|relation| {
+            let predicted = poses[relation.from.index()].between(&poses[relation.to.index()]);
+            let error = relation.from_from_to.between(&predicted).log();
+            relation.kernel != CLOSURE_KERNEL || (error.transpose() * relation.information * error)[0] <= CONTRADICTION
+        });
+        if self.graph.relations().len() < before {
+            report = self.derived.solver.optimize(&mut self.graph)?;
+        }
+        Ok(report.termination.converged())
+    }
+}

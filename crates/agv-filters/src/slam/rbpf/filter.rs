@@ -1,0 +1,396 @@
+//! The filter: motions and scans in.
+
+use super::{
+    beams::Beams,
+    insert::insert,
+    map::{TileMap, TileRect},
+    params::RbpfParams,
+    proposal::{Motion, Proposed, propose},
+    scan_odometry::ScanOdometry,
+    trajectory::TrajectoryTree,
+};
+use crate::particle::{MotionModel, ParticleSet, ResampleContext, ResamplePolicy, Systematic, WeightSummary};
+use agv_core::{
+    Error, check,
+    compute::{CHUNK, Par, Seed},
+    geometry::{LieGroup, Se2},
+    grid::InverseModel,
+    odometry::OdometryIncrement,
+    roles::SkipReason,
+    sensors::LaserScan,
+    time::Stamp,
+};
+use nalgebra::Matrix3;
+
+/// Longest run of a single odometry increment, in metres: beyond, the numbers of a map have no meaning.
+const LONGEST_RUN: f64 = 1e6;
+
+/// A Rao-Blackwellised particle filter: simultaneous localisation and mapping. See the [module](super).
+///
+/// [`predict`](Self::predict) takes what the odometry says, as often as it says something; [`update`](Self::update) takes scans, of
+/// which those are taken in before which the vehicle has moved. Without any odometry the scans alone do, if
+/// [`RbpfParams::scan_odometry`] is there and scans come often enough for its window.
+///
+/// A call that returns an error has changed nothing. Stamps are kept for the trajectory and used for nothing else, so that clocks may
+/// jump.
+///
+/// ```
+/// use agv_core::{compute::Seed, geometry::Se2, odometry::OdometryIncrement, sensors::{LaserScan, ScanGeometry}, time::Stamp};
+/// use agv_filters::{particle::{DifferentialOdometryModel, OdometryNoise}, slam::{Rbpf, RbpfParams}};
+///
+/// // A room of 8 m by 6 m, seen from along its middle.
+/// let geometry = ScanGeometry { angle_min: -3.0, angle_increment: 0.02, ..Default::default() };
+/// let seen_from = |t: f64, x: f64| {
+///     let range = |a: f64| (((4.0_f64).copysign(a.cos()) - x) / a.cos()).min(3.0 / a.sin().abs()) as f32;
+///     LaserScan::new(Stamp::from_seconds(t), geometry, (0..300).map(|i| range(geometry.angle(i))).collect())
+/// };
+/// let motion = DifferentialOdometryModel::new(OdometryNoise::uniform(0.02))?;
+/// let mut slam = Rbpf::new(motion, RbpfParams { particles: 5, ..Default::default() }, Seed(7))?;
+/// slam.update(&seen_from(0.0, 0.0)?)?;
+/// for i in 1..4 {
+///     let (then, now) = (f64::from(i - 1), f64::from(i));
+///     // The wheels slip: they say 0.45 m where it is 0.5 m.
+///     let wheels = Se2::new(0.45, 0.0, 0.0);
+///     slam.predict(&OdometryIncrement::between(Stamp::from_seconds(then), &Se2::default(), Stamp::from_seconds(now), &wheels)?)?;
+///     slam.update(&seen_from(now, 0.5 * now)?)?;
+/// }
+/// assert!((slam.map_from_base().x() - 1.5).abs() < 0.03);
+/// let map = slam.best_map().states(&Default::default())?;
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Rbpf<M> {
+    pub(super) motion: M,
+    pub(super) params: RbpfParams,
+    model: InverseModel,
+    pub(super) seed: Seed,
+    pub(super) par: Par,
+    pub(super) belief: Belief,
+    pub(super) scan_odometry: Option<ScanOdometry>,
+    beams: Beams,
+    proposed: Vec<Proposed>,
+    log_weights: Vec<f64>,
+}
+
+/// All that changes as the filter runs.
+#[derive(Debug, Clone)]
+pub(super) struct Belief {
+    /// The base in the map when the first scan was taken.
+    pub(super) start: Se2,
+    pub(super) particles: ParticleSet,
+    pub(super) maps: Vec<TileMap>,
+    pub(super) tree: TrajectoryTree,
+    /// Sums of the logarithms of the particles' weights, over their whole trajectories.
+    pub(super) scores: Vec<f64>,
+    /// The motion since the last scan that was taken in, by the odometry.
+    pub(super) pending: Option<OdometryIncrement>,
+    /// Whether there ever was odometry.
+    pub(super) has_odometry: bool,
+    /// Without odometry: the motion since the last scan that was taken in to the last scan, and that between the last two scans.
+    pub(super) walked: Se2,
+    pub(super) drift: Se2,
+    /// The motion before each scan that was taken in, by the odometry.
+    pub(super) steps: Vec<Se2>,
+    /// All scans.
+    pub(super) seen: Vec<Seen>,
+    pub(super) since_resampling: u64,
+}
+
+/// A scan, taken in or not.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
+pub(super) struct Seen {
+    pub(super) stamp: Stamp,
+    /// Number of the scan before it, or itself, that was taken in.
+    pub(super) step: u32,
+    /// The motion since that one, by the odometry.
+    pub(super) since: Se2,
+}
+
+/// What became of a scan.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct RbpfUpdate {
+    /// Why the scan was not taken in; none if it was.
+    pub skipped: Option<SkipReason>,
+    /// The weights after it, before a new set was drawn.
+    pub weights: WeightSummary,
+    /// Whether a new set was drawn.
+    pub resampled: bool,
+    /// Particles that the scan placed; the others went where the motion model drew them.
+    pub matched: usize,
+    /// Mean share of the matched beams that met the particles' maps.
+    pub explained: f64,
+}
+
+impl<M> Rbpf<M> {
+    /// A filter without a map, whose frame the base is at the origin of when the first scan comes.
+    ///
+    /// # Errors
+    /// As [`RbpfParams::validate`].
+    pub fn new(motion: M, params: RbpfParams, seed: Seed) -> Result<Self, Error> {
+        params.validate()?;
+        let scan_odometry = params.scan_odometry.map(ScanOdometry::new).transpose()?;
+        Ok(Self {
+            motion,
+            model: params.inverse_model()?,
+            belief: Belief::new(Se2::identity(), &params)?,
+            params,
+            seed,
+            par: Par::Seq,
+            scan_odometry,
+            beams: Beams::default(),
+            proposed: vec![Proposed::default(); params.particles],
+            log_weights: vec![0.0; params.particles],
+        })
+    }
+
+    /// The same filter on several threads, with the same bits out.
+    #[must_use]
+    pub const fn with_parallelism(mut self, par: Par) -> Self {
+        self.par = par;
+        self
+    }
+
+    /// Its parameters.
+    pub const fn params(&self) -> &RbpfParams {
+        &self.params
+    }
+
+    /// Begins anew: without a map, and with the base at `map_from_base` when the next scan comes.
+    ///
+    /// # Errors
+    /// [`Error::NotFinite`] for the pose.
+    pub fn reset(&mut self, map_from_base: Se2) -> Result<(), Error> {
+        check::all_finite("map_from_base", &[map_from_base.x(), map_from_base.y(), map_from_base.yaw()])?;
+        self.belief = Belief::new(map_from_base, &self.params)?;
+        self.scan_odometry.iter_mut().for_each(ScanOdometry::clear);
+        Ok(())
+    }
+}
+
+impl Belief {
+    pub(super) fn new(start: Se2, params: &RbpfParams) -> Result<Self, Error> {
+        let count = params.particles;
+        Ok(Self {
+            start,
+            particles: ParticleSet::new(vec![start; count])?,
+            maps: vec![TileMap::new(params.resolution); count],
+            tree: TrajectoryTree::default(),
+            scores: vec![0.0; count],
+            pending: None,
+            has_odometry: false,
+            walked: Se2::identity(),
+            drift: Se2::identity(),
+            steps: Vec::new(),
+            seen: Vec::new(),
+            since_resampling: 0,
+        })
+    }
+
+    /// The motion since the last scan that was taken in, by the odometry.
+    pub(super) fn since(&self) -> Se2 {
+        self.pending.map_or_else(Se2::identity, |pending| pending.start_from_end)
+    }
+
+    fn note(&mut self, stamp: Stamp, since: Se2) {
+        self.seen.push(Seen { stamp, step: self.steps.len().saturating_sub(1) as u32, since });
+    }
+}
+
+impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
+    /// The vehicle has moved.
+    ///
+    /// # Errors
+    /// A motion or a covariance that is not finite, or of more than 1000 km.
+    pub fn predict(&mut self, odometry: &OdometryIncrement) -> Result<(), Error> {
+        let motion = odometry.start_from_end;
+        check::all_finite("odometry", &[motion.x(), motion.y(), motion.yaw()])?;
+        check::in_range("odometry run", motion.translation().norm(), 0.0, LONGEST_RUN)?;
+        check::all_finite("odometry covariance", odometry.covariance.iter())?;
+        let belief = &mut self.belief;
+        belief.has_odometry = true;
+        if belief.steps.is_empty() {
+            // Before the first scan there is nothing that the vehicle moves in.
+            return Ok(());
+        }
+        belief.pending = Some(belief.pending.map_or(*odometry, |earlier| earlier.compose(odometry)));
+        Ok(())
+    }
+
+    /// A scan has come: particles move to where it fits their maps, are weighed by how well, and drawn anew where the weights have
+    /// become uneven; then the scan goes into every map.
+    ///
+    /// Not taken in, but remembered for the [`trajectory`](Self::trajectory), if the vehicle has moved too little, or if too few
+    /// beams say anything. O(particles × beams).
+    ///
+    /// # Errors
+    /// [`Error::TooMany`] or [`Error::OutOfRange`] where a map would become absurdly wide.
+    pub fn update(&mut self, scan: &LaserScan) -> Result<RbpfUpdate, Error> {
+        self.beams.read(scan, &self.model, self.params.matching.max_beams);
+        let (usable, needed) = (self.beams.hits(), self.params.matching.min_beams);
+        if usable < needed {
+            return Ok(self.skipped(scan, SkipReason::TooFewReadings { usable, needed }));
+        }
+        if self.belief.steps.is_empty() {
+            return self.begin(scan);
+        }
+        let moved = self.motion_before(scan)?;
+        if !self.params.update.is_reached(moved.since.translation().norm(), moved.since.yaw().abs()) {
+            (self.belief.walked, self.belief.drift) = (moved.since, moved.drift);
+            return Ok(self.skipped(scan, SkipReason::LittleMotion));
+        }
+        self.propose_all(&moved)?;
+        Ok(self.take_in(scan, &moved))
+    }
+
+    /// How the vehicle has moved since the last scan that was taken in.
+    fn motion_before(&mut self, scan: &LaserScan) -> Result<Moved, Error> {
+        let belief = &self.belief;
+        let (stamp, drift) = (scan.stamp(), belief.drift);
+        // Without wheels the vehicle is taken to go on as it did.
+        let alone = if belief.has_odometry { Se2::identity() } else { belief.walked * drift };
+        let standing =
+            OdometryIncrement { start: stamp, end: stamp, start_from_end: alone, covariance: Matrix3::zeros() };
+        let motion = belief.pending.unwrap_or(standing);
+        let mut moved = Moved { since: motion.start_from_end, motion, drift };
+        let Some(matching) = &mut self.scan_odometry else { return Ok(moved) };
+        if belief.has_odometry {
+            let is_due = self.params.update.is_reached(moved.since.translation().norm(), moved.since.yaw().abs());
+            if is_due && let Some(by_wheels) = Motion::new(moved.since, &self.motion.covariance(&moved.motion)) {
+                let found = matching.motion(scan, &moved.since, &by_wheels.information)?;
+                moved.motion.start_from_end = found.unwrap_or(moved.since);
+            }
+        } else {
+            let window = self.params.scan_odometry.unwrap_or_default().window;
+            let loose = [window.distance, window.distance, window.angle].map(|sigma| sigma.max(1e-3).powi(-2));
+            let found = matching.motion(scan, &moved.since, &Matrix3::from_diagonal(&loose.into()))?;
+            let since = found.unwrap_or(moved.since);
+            moved.drift = found.map_or_else(Se2::identity, |found| belief.walked.between(&found));
+            (moved.since, moved.motion.start_from_end) = (since, since);
+        }
+        Ok(moved)
+    }
+
+    /// Fills `proposed` and `log_weights`, and makes sure that all maps have room for the scan.
+    fn propose_all(&mut self, moved: &Moved) -> Result<(), Error> {
+        let Self { motion: model, params, seed, par, belief, beams, proposed, log_weights, .. } = self;
+        let covariance = model.covariance(&moved.motion);
+        let refused = Error::NotCovariance { name: "covariance of the motion", pivot: covariance.diagonal().min() };
+        let motion = Motion::new(moved.motion.start_from_end, &covariance).ok_or(refused)?;
+        let sample = model.condition(&moved.motion);
+        let (step, beams) = (belief.steps.len() as u64, &*beams);
+        let data = (&mut proposed[..], belief.particles.states(), &belief.maps[..]);
+        par.for_each_chunk(data, 1, |index, (proposed, poses, maps): (&mut [Proposed], &[Se2], &[TileMap])| {
+            let mut stream = seed.stream(step, index as u64);
+            for (proposed, (pose, map)) in proposed.iter_mut().zip(poses.iter().zip(maps)) {
+                *proposed = propose(map, pose, &motion, beams, &params.matching, &sample, &mut stream);
+            }
+        });
+        for (proposed, map) in proposed.iter().zip(&belief.maps) {
+            check_room(map, beams, &proposed.pose)?;
+        }
+        log_weights.clear();
+        log_weights.extend(proposed.iter().map(|proposed| proposed.log_weight));
+        Ok(())
+    }
+
+    /// Particles become what was proposed, and get to know the scan.
+    fn take_in(&mut self, scan: &LaserScan, moved: &Moved) -> RbpfUpdate {
+        let Self { params, seed, par, belief, beams, proposed, log_weights, .. } = self;
+        let Some(weights) = belief.particles.reweigh(log_weights, *par) else {
+            return self.skipped(scan, SkipReason::Unexplained);
+        };
+        let poses: Vec<Se2> = proposed.iter().map(|proposed| proposed.pose).collect();
+        belief.particles.propose(*par, |chunk, _, states| {
+            let from = chunk * CHUNK;
+            states.copy_from_slice(&poses[from..from + states.len()]);
+        });
+        belief.particles.adopt();
+        belief.tree.extend(&poses);
+        belief.scores.iter_mut().zip(&*log_weights).for_each(|(score, log)| *score += log);
+        let beams = &*beams;
+        par.for_each_chunk((&mut belief.maps[..], &poses[..]), 1, |_, (maps, poses): (&mut [TileMap], &[Se2])| {
+            maps.iter_mut().zip(poses).for_each(|(map, pose)| insert(map, pose, beams));
+        });
+        let step = belief.steps.len() as u64;
+        belief.steps.push(moved.since);
+        (belief.pending, belief.walked, belief.drift) = (None, Se2::identity(), moved.drift);
+        belief.note(scan.stamp(), Se2::identity());
+        belief.since_resampling = belief.since_resampling.saturating_add(1);
+        let context = ResampleContext::new(weights, poses.len(), belief.since_resampling, moved.since);
+        let resampled = params.resample.is_due(&context);
+        if resampled {
+            let mut stream = seed.derive(RESAMPLING).stream(step, 0);
+            let ancestors = belief.particles.resample(poses.len(), &Systematic, &mut stream, *par);
+            belief.maps = ancestors.iter().map(|&a| belief.maps[a as usize].clone()).collect();
+            belief.scores = ancestors.iter().map(|&a| belief.scores[a as usize]).collect();
+            belief.tree.resample(ancestors);
+            belief.since_resampling = 0;
+        }
+        let count = proposed.len() as f64;
+        let update = RbpfUpdate {
+            skipped: None,
+            weights,
+            resampled,
+            matched: proposed.iter().filter(|proposed| proposed.matched).count(),
+            explained: proposed.iter().map(|proposed| proposed.explained).sum::<f64>() / count,
+        };
+        if let Some(matching) = &mut self.scan_odometry {
+            matching.take_in(scan, &moved.motion.start_from_end);
+        }
+        update
+    }
+
+    /// The first scan makes the map.
+    fn begin(&mut self, scan: &LaserScan) -> Result<RbpfUpdate, Error> {
+        let Self { params, belief, beams, .. } = self;
+        let (start, mut map) = (belief.start, TileMap::new(params.resolution));
+        check_room(&map, beams, &start)?;
+        insert(&mut map, &start, beams);
+        belief.maps.fill(map);
+        belief.tree.begin(start, params.particles);
+        belief.steps.push(Se2::identity());
+        belief.note(scan.stamp(), Se2::identity());
+        if let Some(matching) = &mut self.scan_odometry {
+            matching.take_in(scan, &Se2::identity());
+        }
+        let weights = WeightSummary::uniform(params.particles);
+        Ok(RbpfUpdate { skipped: None, weights, resampled: false, matched: params.particles, explained: 1.0 })
+    }
+
+    fn skipped(&mut self, scan: &LaserScan, reason: SkipReason) -> RbpfUpdate {
+        let belief = &mut self.belief;
+        let since = if belief.has_odometry { belief.since() } else { belief.walked };
+        if !belief.steps.is_empty() {
+            belief.note(scan.stamp(), since);
+        }
+        let weights = WeightSummary::uniform(self.params.particles);
+        RbpfUpdate { skipped: Some(reason), weights, resampled: false, matched: 0, explained: 0.0 }
+    }
+}
+
+/// Part of the seed for the draws of new sets.
+const RESAMPLING: u64 = 1;
+
+/// A motion since the last scan that was taken in.
+struct Moved {
+    /// As the odometry has it; without one, as the scans have it.
+    since: Se2,
+    /// The same, made better by the scans.
+    motion: OdometryIncrement,
+    /// Without odometry: the motion since the last scan.
+    drift: Se2,
+}
+
+/// Whether a map has room for a scan taken at a pose.
+fn check_room(map: &TileMap, beams: &Beams, pose: &Se2) -> Result<(), Error> {
+    let far = Error::OutOfRange {
+        name: "distance of a scan (m)",
+        value: pose.translation().norm(),
+        min: 0.0,
+        max: LONGEST_RUN,
+    };
+    let (low, high) = beams.cells_from(pose, map.resolution(), 1).ok_or(far)?;
+    map.check_room(&TileRect::of_cells(low, high))
+}
