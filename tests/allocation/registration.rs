@@ -77,15 +77,16 @@ fn localization_in_a_map() {
     let belief = PoseBelief::around(target_from_source, Matrix6::identity() * 0.01).unwrap();
     localizer.initialize(&belief).unwrap();
     let at = |step: u32| Stamp::from_seconds(0.1 * f64::from(step));
-    let clouds: Vec<_> = (0..12).map(|step| source.clone().with_stamp(at(step + 1))).collect();
+    let clouds: Vec<_> = (0..18).map(|step| source.clone().with_stamp(at(step + 1))).collect();
     let mut update = |step: u32| {
         let still = MotionIncrement::between(at(step), &Se3::default(), at(step + 1), &Se3::default()).unwrap();
         localizer.predict(&still).unwrap();
         let outcome = localizer.update(&clouds[step as usize]).unwrap();
         assert!(matches!(outcome, UpdateOutcome::Applied(_)), "{outcome:?}");
     };
-    (0..6).for_each(&mut update);
-    assert_eq!(counter::count(|| (6..9).for_each(&mut update)), 0);
+    // A full history of motions, first.
+    (0..14).for_each(&mut update);
+    assert_eq!(counter::count(|| (14..17).for_each(&mut update)), 0);
 }
 
 #[test]

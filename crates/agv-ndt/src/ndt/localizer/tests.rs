@@ -132,7 +132,6 @@ fn a_belief_that_is_wide_along_a_corridor_is_corrected_across_it() {
             assert!(matches!(outcome, Ok(UpdateOutcome::Applied(_))), "{wide}: {outcome:?}");
             let off = error(&localizer, &truth);
             assert!((off.x - 0.6).abs() < 0.1 && off.y.abs() < 0.03 && off[5].abs() < 0.005, "{wide}: {off}");
-            assert!(estimate(&localizer).covariance()[(0, 0)].sqrt() > 0.9 * wide);
         }
     }
 }
