@@ -131,7 +131,7 @@ fn a_belief_that_is_wide_along_a_corridor_is_corrected_across_it() {
             let outcome = localizer.update(&seen(&CORRIDOR, 4.0, 30 + i as u32, &truth, Stamp::from_seconds(to)));
             assert!(matches!(outcome, Ok(UpdateOutcome::Applied(_))), "{wide}: {outcome:?}");
             let off = error(&localizer, &truth);
-            assert!((off.x - 0.6).abs() < 0.1 && off.y.abs() < 0.03 && off[5].abs() < 0.005, "{wide}: {off}");
+            assert!((off.x - 0.6).abs() < 0.1 * wide && off.y.abs() < 0.03 && off[5].abs() < 0.005, "{wide}: {off}");
         }
     }
 }
