@@ -86,9 +86,10 @@ fn drive_lap(
     let mut clean = localizer(&mapped.true_map, &told, args)?;
     let (mut odometry, before) = (drive::odometry()?, lap.own.x.len());
     drive::along(args, hall.factory.world(), &hall.lap, lap.speed, seed, |seen| {
-        let motion = odometry.update(&seen.odometry, seen.imu_samples())?;
-        own.predict(&motion)?;
-        clean.predict(&motion)?;
+        if let Some(motion) = odometry.update(&seen.odometry, seen.imu_samples())? {
+            own.predict(&motion)?;
+            clean.predict(&motion)?;
+        }
         for (cloud, _) in seen.clouds() {
             let truth = seen.truth.map_from_base;
             if first {

@@ -43,7 +43,9 @@ pub(crate) fn run(args: &Args, hall: &Hall, report: &mut Report) -> Result<Mappe
     let (mut timings, mut straight, mut points) = (Timings::default(), PointCloud::default(), Vec::new());
     let (mut truths, mut estimates, mut times, mut skipped) = (vec![], vec![], vec![], 0);
     drive::along(args, hall.factory.world(), &hall.tour, SPEED, args.common.seed(), |seen| {
-        mapper.predict(&odometry.update(&seen.odometry, seen.imu_samples())?)?;
+        if let Some(motion) = odometry.update(&seen.odometry, seen.imu_samples())? {
+            mapper.predict(&motion)?;
+        }
         for (cloud, _) in seen.clouds() {
             let step = timings.time(|| mapper.insert(cloud))?;
             truths.push(seen.truth.map_from_base);

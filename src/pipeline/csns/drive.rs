@@ -11,7 +11,7 @@ use agv_core::{
     kinematics::{Motion, MotionLimits},
     odometry::OdometryIncrement,
     roles::{
-        Correct, LocalizationError, LocalizationStatus, Localizer, PoseBelief, PoseEstimate, UpdateOutcome,
+        Correct, LocalizationError, LocalizationStatus, Localizer, PoseBelief, PoseEstimate, SkipReason, UpdateOutcome,
         VehicleState,
     },
     sensors::{ImuSample, LaserScan, PointCloud},
@@ -47,6 +47,8 @@ pub struct Csns {
     local: LocalMap,
     navigation: Navigation,
     limits: MotionLimits,
+    /// Whether the vehicle knew where it is when it last sensed: what was seen before is seen from elsewhere.
+    knows: bool,
 }
 
 impl Csns {
@@ -64,7 +66,7 @@ impl Csns {
     ) -> Result<Self, Error> {
         limits.validate()?;
         let local = LocalMap::new(sight.costmap.costmap(), local)?;
-        Ok(Self { odometry, localizer, sight, local, navigation, limits })
+        Ok(Self { odometry, localizer, sight, local, navigation, limits, knows: false })
     }
 
     /// Tells where the vehicle starts.
@@ -72,7 +74,9 @@ impl Csns {
     /// # Errors
     /// What the localizer refuses.
     pub fn start(&mut self, belief: &PoseBelief<Se3>) -> Result<(), Error> {
-        Ok(self.localizer.initialize(belief)?)
+        self.localizer.initialize(belief)?;
+        self.knows = false;
+        Ok(())
     }
 
     /// Sets out for a goal, from the next command on.
@@ -85,6 +89,10 @@ impl Csns {
 
     /// Takes what the sensors say of a time step, and says what became of the cloud, if there was one.
     ///
+    /// While the vehicle knows where it is, every cloud is looked through for obstacles that can be related to the time of the
+    /// estimate, whether it fits the map or not: people around a lidar are why it does not. What was seen before a vehicle was lost
+    /// is forgotten when it knows again.
+    ///
     /// # Errors
     /// What the filter, the localizer or the conversion refuse; readings before the refused one are taken in.
     pub fn sense<'a>(
@@ -93,27 +101,39 @@ impl Csns {
         imu: impl IntoIterator<Item = &'a ImuSample>,
         cloud: Option<&PointCloud>,
     ) -> Result<Option<UpdateOutcome>, Error> {
-        let motion = self.odometry.update(wheels, imu)?;
-        self.localizer.predict(&motion)?;
-        let Some(cloud) = cloud else { return Ok(None) };
-        let outcome = self.localizer.update(cloud)?;
-        if let UpdateOutcome::Applied(_) = outcome {
-            let here = self.known()?.map_from_base().to_planar();
-            let CsnsSight { to_scan, scan, costmap } = &mut self.sight;
-            to_scan.convert_into(self.localizer.straightened(), scan)?;
-            costmap.update([&*scan], &here)?;
-            self.local.update(costmap.costmap())?;
+        if let Some(motion) = self.odometry.update(wheels, imu)? {
+            self.localizer.predict(&motion)?;
         }
-        Ok(Some(outcome))
+        let outcome = cloud.map(|cloud| self.localizer.update(cloud)).transpose()?;
+        let knew = self.knows;
+        self.knows = self.status() == LocalizationStatus::Tracking;
+        if self.knows && !knew {
+            self.sight.costmap.reset()?;
+            self.local.update(self.sight.costmap.costmap())?;
+        }
+        if self.knows && outcome.as_ref().is_some_and(is_straightened) {
+            self.look_around()?;
+        }
+        Ok(outcome)
     }
 
-    /// The motion for the next `dt` seconds, given the one now. A vehicle that is lost, or was never found, brakes.
+    /// Marks what the last cloud shows.
+    fn look_around(&mut self) -> Result<(), Error> {
+        let estimate = self.localizer.estimate().ok_or(LocalizationError::NotInitialized)?;
+        let CsnsSight { to_scan, scan, costmap } = &mut self.sight;
+        to_scan.convert_into(self.localizer.straightened(), scan)?;
+        costmap.update([&*scan], &estimate.map_from_base().to_planar())?;
+        self.local.update(costmap.costmap())?;
+        Ok(())
+    }
+
+    /// The motion for the next `dt` seconds, given the one now. Unless its localizer is tracking, the vehicle brakes.
     ///
     /// # Errors
     /// What the navigation refuses.
     pub fn command(&mut self, now: Motion, dt: f64) -> Result<CsnsCommand, Error> {
-        let known = self.localizer.estimate().filter(|_| !matches!(self.status(), LocalizationStatus::Lost { .. }));
-        let Some(estimate) = known else {
+        let is_tracking = self.status() == LocalizationStatus::Tracking;
+        let Some(estimate) = self.localizer.estimate().filter(|_| is_tracking) else {
             return Ok(CsnsCommand { motion: self.limits.brake(&now, dt)?, status: None });
         };
         let Motion { twist, steering } = now;
@@ -146,8 +166,9 @@ impl Csns {
     pub const fn costmap(&self) -> &RollingCostmap {
         &self.sight.costmap
     }
+}
 
-    fn known(&self) -> Result<PoseEstimate<Se3>, LocalizationError> {
-        self.localizer.estimate().ok_or(LocalizationError::NotInitialized)
-    }
+/// Whether the localizer has straightened the cloud that it said this of, and holds no older one.
+const fn is_straightened(outcome: &UpdateOutcome) -> bool {
+    !matches!(outcome, UpdateOutcome::Skipped(SkipReason::Duplicate | SkipReason::OutsideHistory { .. }))
 }

@@ -20,6 +20,9 @@ use std::f64::consts::{PI, TAU};
 /// Cells along an edge of a grid that has seen nothing yet; it grows.
 const FIRST_CELLS: usize = 64;
 
+/// Mounts of lidars that are remembered.
+const MOST_MOUNTS: usize = 16;
+
 /// How clouds become a grid.
 #[derive(Debug, Clone, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -62,7 +65,8 @@ pub struct CloudToGridReport {
     pub rays: ScanInsertion,
 }
 
-/// Builds a grid of clouds. Buffers are reused: nothing is allocated once the grid has grown as far as the clouds reach.
+/// Builds a grid of clouds. Buffers are reused: nothing is allocated once the grid has grown as far as the clouds reach, and has met
+/// the mounts of all lidars, up to 16 of them.
 ///
 /// ```
 /// use agv_core::geometry::{Se2, Se3};
@@ -89,7 +93,8 @@ pub struct CloudToGridReport {
 pub struct CloudToGrid {
     params: CloudToGridParams,
     flatten: CloudToScan,
-    scan: LaserScan,
+    /// What clouds are pressed into, one for each mount that was met.
+    scans: Vec<LaserScan>,
     evidence: EvidenceGrid,
 }
 
@@ -104,7 +109,7 @@ impl CloudToGrid {
         let layout = GridLayout::new(FIRST_CELLS, FIRST_CELLS, params.resolution, Se2::new(-half, -half, 0.0))?;
         Ok(Self {
             flatten: CloudToScan::new(params.obstacles.clone())?,
-            scan: imagined(&params, Se2::default())?,
+            scans: vec![imagined(&params, Se2::default())?],
             evidence: EvidenceGrid::new(layout, params.model)?,
             params,
         })
@@ -127,11 +132,18 @@ impl CloudToGrid {
         check::all_finite("map_from_base", map_from_base.translation().iter())?;
         check::all_finite("map_from_base", map_from_base.rotation().matrix().iter())?;
         let mount = cloud.base_from_sensor().to_planar();
-        if self.scan.geometry().base_from_sensor != mount {
-            self.scan = imagined(&self.params, mount)?;
-        }
-        let points = self.flatten.convert_into(cloud, &mut self.scan)?;
-        let rays = self.evidence.insert_scan(&self.scan, &map_from_base.to_planar())?;
+        let index = if let Some(known) = self.scans.iter().position(|scan| scan.geometry().base_from_sensor == mount) {
+            known
+        } else {
+            if self.scans.len() >= MOST_MOUNTS {
+                self.scans.remove(0);
+            }
+            self.scans.push(imagined(&self.params, mount)?);
+            self.scans.len() - 1
+        };
+        let scan = &mut self.scans[index];
+        let points = self.flatten.convert_into(cloud, scan)?;
+        let rays = self.evidence.insert_scan(scan, &map_from_base.to_planar())?;
         Ok(CloudToGridReport { points, rays })
     }
 

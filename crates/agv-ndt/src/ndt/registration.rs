@@ -148,8 +148,10 @@ impl NdtRegistration {
         self.source.refill(source);
         scores.clear();
         let coarsest = self.levels.len() - 1;
+        let Some(first) = poses.first() else { return };
+        let mut objective = self.objective(coarsest, first);
         for pose in poses {
-            let mut objective = self.objective(coarsest, pose);
+            objective.prepare(pose);
             let cost = objective.evaluate(pose).cost;
             scores.push(-cost / objective.source.len().max(1) as f64);
         }

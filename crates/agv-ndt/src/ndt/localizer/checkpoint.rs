@@ -23,9 +23,12 @@ impl TryFrom<RawLocalizer> for NdtLocalizer {
 
     fn try_from(raw: RawLocalizer) -> Result<Self, Error> {
         let mut localizer = Self::new(&raw.map, raw.params)?;
-        if !raw.places.is_empty() {
-            localizer = localizer.with_places(raw.places)?;
+        for place in &raw.places {
+            check::all_finite("place", place.translation().iter())?;
+            check::all_finite("place", place.rotation().matrix().iter())?;
         }
+        // None, too, come back as they were, whatever floors the map has shown since.
+        localizer.places = raw.places;
         if let Some(state) = &raw.state {
             for (before, after) in state.track.iter().zip(state.track.iter().skip(1)) {
                 if after.0 <= before.0 {

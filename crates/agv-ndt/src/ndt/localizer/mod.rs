@@ -3,15 +3,17 @@
 //! ```text
 //! motions --> predict: belief, track of the last second
 //! cloud ----> deskew along the track, into the base frame, thin out
-//!               |-- belief narrow:        NDT from the predicted pose, unobserved directions held to it
-//!               |-- anywhere, wide, lost: NDT from many starts, the best one if no other comes up to it
-//!               v
-//!             information of the match, tempered --> fusion with the prediction
+//!               |-- belief narrow along what is observed: NDT from the predicted pose, unobserved directions held to it
+//!               |-- wide: NDT from many starts, the best one of those that the belief allows, if no other comes up to it
+//!               |     v
+//!               |   information of the match, tempered --> fusion with the prediction
+//!               |-- anywhere, contradicted: NDT from many starts, the best one if no other comes up to it, whatever was believed
 //! ```
 //!
 //! The covariance of a match is not the inverse Hessian: neighbouring points share the errors of the cells that they meet, so only a
 //! share of them counts, and no match is better than a floor. Along directions that the cloud does not fix, as along a corridor, the
-//! match has no information: the estimate follows the odometry there, and its variance grows.
+//! match has no information: the estimate follows the odometry there, and its variance grows. Those directions are known to a milliradian
+//! or so: a variance of metres along them is taken for smaller than it is after some clouds.
 
 #[cfg(feature = "serde")]
 mod checkpoint;
@@ -31,8 +33,8 @@ use agv_core::{
     geometry::{LieGroup, Se3, UncertainPose},
     odometry::MotionIncrement,
     roles::{
-        Alignment, AlignmentError, Correct, LocalizationError, LocalizationStatus, Localizer, PoseBelief, PoseEstimate,
-        Registration, SkipReason, StatusMonitor, UpdateOutcome, UpdateReport,
+        Alignment, AlignmentError, Correct, Doubt, LocalizationError, LocalizationStatus, Localizer, PoseBelief,
+        PoseEstimate, Registration, SkipReason, StatusMonitor, UpdateOutcome, UpdateReport,
     },
     sensors::{Deskew, PointCloud, PoseTrack, SensorId, VoxelGrid},
     time::Stamp,
@@ -44,11 +46,13 @@ use search::Search;
 /// Localises a vehicle in space, in a map of normal distributions.
 ///
 /// Clouds are deskewed along the motions of the last second, from wherever their stamps lie in them; predict up to the end of a sweep
-/// before it is handed over. A cloud before the first motion is taken to be one of a vehicle at rest.
+/// before it is handed over. A cloud before the first motion is taken to be one of a vehicle at rest, and so
+/// is one that is hardly older or newer than the step after which a clock that was set back went on.
 ///
-/// A belief of [`PoseBelief::Anywhere`], one that is wide, or one that is lost is looked for from many starts: at level poses on the
-/// map's floor, or at [places of one's own](Self::with_places), as those of the drive that made the map. A place that another looks
-/// like is not decided on; drive on, and the next cloud may tell.
+/// A belief of [`PoseBelief::Anywhere`], one that is wide along what the cloud observes, or one that the clouds contradict is looked
+/// for from many starts: at level poses on the map's floor, or at [places of one's own](Self::with_places), as those of the drive that
+/// made the map. A place that another looks like is not decided on; drive on, and the next cloud may tell. A belief that is only wide
+/// is corrected by what is found, within its gate; the other two are replaced.
 ///
 /// An update allocates nothing once the buffers have met clouds of that size, a search aside; all is linear in the points of the
 /// cloud. The estimate has the same bits for any number of threads.
@@ -130,7 +134,7 @@ impl NdtLocalizer {
         ndt.set_map(map)?;
         Ok(Self {
             ndt,
-            places: places::places(map, params.search.spacing),
+            places: params.search.map_or_else(Vec::new, |search| places::places(map, search.spacing)),
             state: None,
             monitor: StatusMonitor::new(params.status)?,
             alignment: None,
@@ -188,7 +192,8 @@ impl NdtLocalizer {
     }
 
     /// How the last cloud with enough points met the map, applied or not: its unobserved directions are those that were held to the
-    /// prediction. None before the first.
+    /// prediction, or to the start that led there if it was looked for from many. None before the first, and after a search without a
+    /// verdict.
     pub const fn alignment(&self) -> Option<&Alignment<Se3>> {
         self.alignment.as_ref()
     }
@@ -213,6 +218,11 @@ impl NdtLocalizer {
                 Deskew::cloud_into(cloud, &motion, &mut self.straight);
             }
         } else {
+            // At rest, as far as is known; but a track of one pose says so of its own time alone.
+            let age = at.filter(|_| !track.is_empty()).map_or(0.0, |now| now - cloud.stamp());
+            if age.abs() > self.params.extrapolation {
+                return Err(SkipReason::OutsideHistory { age });
+            }
             self.straight.copy_from(cloud);
         }
         self.thin.filter_into(&self.straight, &mut self.thinned);
@@ -224,39 +234,91 @@ impl NdtLocalizer {
 
     /// What the thinned cloud makes of a belief; nothing is changed but the last alignment.
     fn match_cloud(&mut self, state: &State) -> Result<Match, LocalizationError> {
-        let belief = &state.belief.pose;
         // A belief that was never confirmed has nothing to lose: there the clouds count.
         let patience = u32::try_from(self.params.status.confirmations).unwrap_or(u32::MAX).max(1);
-        let lost = matches!(self.monitor.status(), LocalizationStatus::Lost { .. }) || state.misses >= patience;
-        let wide = belief.position_deviation() > WIDE.0 || belief.rotation_deviation() > WIDE.1;
-        if state.anywhere || wide || lost {
-            let reach = self.params.search.radius * f64::from(state.misses.saturating_sub(patience).min(20)).exp2();
-            let radius = match (state.anywhere, lost) {
-                (true, _) => f64::INFINITY,
-                (false, true) => reach.max(WIDTHS * belief.position_deviation()),
-                (false, false) => WIDTHS * belief.position_deviation(),
-            };
-            let (places, params) = (&self.places, &self.params.search);
-            let found = self.search.run(&mut self.ndt, &self.thinned, places, belief.mean(), radius, params);
-            self.alignment = found.map_err(|error| refused(&error))?;
-            let Some(found) = self.alignment else { return Ok(Match::Unexplained) };
-            let tempered = tempered(&found.information, self.params.independent, self.params.floor);
-            // Along what the cloud does not fix, any of the places tried may be meant.
-            let unknown = Matrix6::identity() * self.params.search.radius.powi(-2);
-            let singular = agv_core::Error::Singular { name: "covariance", row: 0, pivot: 0.0 };
-            let covariance = (tempered + unknown).try_inverse().ok_or(singular)?;
-            let pose = UncertainPose::new(found.target_from_source, (covariance + covariance.transpose()) * 0.5)?;
-            return Ok(Match::Found { pose, share: found.inlier_ratio });
+        let is_lost = matches!(self.monitor.status(), LocalizationStatus::Lost { doubt: Doubt::Unexplained { .. } });
+        let contradicted = is_lost || state.misses >= patience;
+        let Some(search) = self.params.search else { return self.follow(&state.belief.pose) };
+        if state.anywhere || contradicted {
+            let reach = search.radius * f64::from(state.misses.saturating_sub(patience).min(20)).exp2();
+            let reach = reach.max(WIDTHS * state.belief.pose.position_deviation());
+            return self.find(&state.belief.pose, if state.anywhere { f64::INFINITY } else { reach }, &search);
         }
+        let followed = self.follow(&state.belief.pose)?;
+        let unobserved = self.alignment.map_or_else(Matrix6::zeros, |found| found.unobserved);
+        let is_believed = matches!(followed, Match::Fused { nis, .. } if nis <= self.params.gate);
+        let (prior, all) = (&state.belief.pose, Matrix6::zeros());
+        if !is_wide(prior, &all) || (is_believed && !is_wide(prior, &unobserved)) {
+            return Ok(followed);
+        }
+        self.narrow(&state.belief.pose, &search)
+    }
+
+    /// The match from the predicted pose.
+    fn follow(&mut self, belief: &UncertainPose<Se3>) -> Result<Match, LocalizationError> {
         let found = self.ndt.align(&self.thinned, belief.mean()).map_err(|error| refused(&error))?;
         self.alignment = Some(found);
         if !found.converged() {
             return Ok(Match::Unexplained);
         }
-        let information = tempered(&found.information, self.params.independent, self.params.floor);
-        let fused = fuse(belief, &found.target_from_source, &information)?;
-        Ok(Match::Fused { pose: fused.pose, nis: fused.nis, share: found.inlier_ratio })
+        fused(&self.params, belief, &found)
     }
+
+    /// The match among those that a wide belief allows.
+    fn narrow(&mut self, belief: &UncertainPose<Se3>, search: &SearchParams) -> Result<Match, LocalizationError> {
+        let (radius, params) = (WIDTHS * belief.position_deviation(), &self.params);
+        let allowed = |found: &Alignment<Se3>| matches!(fused(params, belief, found), Ok(Match::Fused { nis, .. }) if nis <= params.gate);
+        let (places, around) = (&self.places, belief.mean());
+        self.search
+            .run(&mut self.ndt, &self.thinned, places, (around, radius), search, allowed)
+            .map_err(|e| refused(&e))?;
+        // Two that differ along what they do not observe are one: the belief says where along it.
+        self.alignment = self.search.verdict(search.lead, true);
+        self.alignment.map_or(Ok(Match::Unexplained), |found| fused(&self.params, belief, &found))
+    }
+
+    /// The match among all within `radius` metres, whatever was believed.
+    fn find(
+        &mut self,
+        belief: &UncertainPose<Se3>,
+        radius: f64,
+        search: &SearchParams,
+    ) -> Result<Match, LocalizationError> {
+        let (places, around) = (&self.places, belief.mean());
+        self.search
+            .run(&mut self.ndt, &self.thinned, places, (around, radius), search, |_| true)
+            .map_err(|e| refused(&e))?;
+        self.alignment = self.search.verdict(search.lead, false);
+        let Some(found) = self.alignment else { return Ok(Match::Unexplained) };
+        let tempered = tempered(&found.information, self.params.independent, self.params.floor);
+        // Along what the cloud does not fix, any of the places tried may be meant.
+        let to = |place: &Se3, from: &Se3| (place.translation() - from.translation()).norm();
+        let tried = places.iter().filter(|place| to(place, around) <= radius);
+        let farthest = tried.map(|place| to(place, &found.target_from_source)).fold(search.radius, f64::max);
+        let unknown = Matrix6::identity() * farthest.powi(-2);
+        let singular = agv_core::Error::Singular { name: "covariance", row: 0, pivot: 0.0 };
+        let covariance = (tempered + unknown).try_inverse().ok_or(singular)?;
+        let pose = UncertainPose::new(found.target_from_source, (covariance + covariance.transpose()) * 0.5)?;
+        Ok(Match::Found { pose, share: found.inlier_ratio })
+    }
+}
+
+/// A belief corrected by a match.
+fn fused(
+    params: &NdtLocalizerParams,
+    belief: &UncertainPose<Se3>,
+    found: &Alignment<Se3>,
+) -> Result<Match, LocalizationError> {
+    let information = tempered(&found.information, params.independent, params.floor);
+    let fused = fuse(belief, &found.target_from_source, &information)?;
+    Ok(Match::Fused { pose: fused.pose, nis: fused.nis, share: found.inlier_ratio })
+}
+
+/// Whether a belief is wide along other directions than those of the projector `unobserved`.
+fn is_wide(belief: &UncertainPose<Se3>, unobserved: &Matrix6<f64>) -> bool {
+    let observed = Matrix6::identity() - unobserved;
+    let variances = (observed * belief.covariance() * observed).diagonal();
+    variances.fixed_rows::<3>(0).sum() > WIDE.0.powi(2) || variances.fixed_rows::<3>(3).sum() > WIDE.1.powi(2)
 }
 
 /// What a cloud says of a belief.
@@ -280,11 +342,14 @@ fn refused(error: &AlignmentError) -> LocalizationError {
 impl Localizer for NdtLocalizer {
     type Pose = Se3;
 
-    /// Replaces the belief; one in [`PoseBelief::Anywhere`] needs a map that shows its floor, or places.
+    /// Replaces the belief; one in [`PoseBelief::Anywhere`] needs a map that shows its floor, or places, and a search.
     fn initialize(&mut self, belief: &PoseBelief<Se3>) -> Result<(), LocalizationError> {
         let (pose, anywhere) = match belief {
             PoseBelief::Around(pose) => (*pose, false),
-            _ => (spread_over(&self.places)?, true),
+            _ => {
+                check::at_least("search", usize::from(self.params.search.is_some()), 1)?;
+                (spread_over(&self.places)?, true)
+            }
         };
         self.monitor.initialized(&pose);
         self.alignment = None;
@@ -374,18 +439,23 @@ impl State {
     /// Adds the end of a motion to the track, and forgets what is older than `history` seconds.
     fn remember(&mut self, odometry: &MotionIncrement<Se3>, history: f64) {
         let last = self.track.last().copied();
-        let (start, odom_from_start) = last.unwrap_or((odometry.start, Se3::identity()));
-        if last.is_none() || odometry.start > start {
-            // The first motion, or one after a gap in which nothing is known to have moved.
-            self.track.push((odometry.start, odom_from_start));
-        }
-        if odometry.end <= odometry.start.max(start) {
-            // The clock stood or stepped back: what was before lies in no order with it.
+        let (newest, odom_from_start) = last.unwrap_or((odometry.start, Se3::identity()));
+        if odometry.end < odometry.start.max(newest) {
+            // The clock stepped back: what was before lies in no order with it.
             self.track.clear();
             self.track.push((odometry.end, Se3::identity()));
             return;
         }
-        self.track.push((odometry.end, odom_from_start.compose(&odometry.start_from_end)));
+        if last.is_none() || odometry.start > newest {
+            // The first motion, or one after a gap in which nothing is known to have moved.
+            self.track.push((odometry.start, odom_from_start));
+        }
+        let odom_from_end = odom_from_start.compose(&odometry.start_from_end);
+        match self.track.last_mut() {
+            // No time has passed, but the vehicle has moved.
+            Some((stamp, pose)) if *stamp == odometry.end => *pose = odom_from_end,
+            _ => self.track.push((odometry.end, odom_from_end)),
+        }
         let old = self.track.partition_point(|(stamp, _)| odometry.end - *stamp > history);
         // One before the history stays, so that all of it lies between two poses.
         self.track.drain(..old.saturating_sub(1));

@@ -2,30 +2,37 @@
 
 use super::super::map::NdtMap;
 use agv_core::geometry::{Se3, So3};
-use nalgebra::Vector3;
-use std::collections::BTreeMap;
+use nalgebra::{Vector2, Vector3};
+use std::{cmp::Ordering, collections::BTreeMap};
 
 /// Share of a voxel's spread that is upright, below which it is a floor.
 const LEVEL: f64 = 0.02;
 
 /// A level pose on the floor of every square of `spacing` metres that has one: on the lowest voxel whose points lie level.
 pub(super) fn places(map: &NdtMap, spacing: f64) -> Vec<Se3> {
+    let level = || {
+        map.voxels().filter_map(|(cell, _)| {
+            let surface = map.gaussian(cell)?;
+            let spread = &surface.covariance;
+            let least_width = (0.1 * map.params().resolution).powi(2);
+            let is_level = spread.m33 <= LEVEL * spread.trace() && spread.m11.min(spread.m22) >= least_width;
+            let square = [surface.mean.x, surface.mean.y].map(|along| (along / spacing).floor() as i64);
+            is_level.then_some((square, surface.mean))
+        })
+    };
+    let mut lowest: BTreeMap<[i64; 2], f64> = BTreeMap::new();
+    for (square, mean) in level() {
+        lowest.entry(square).and_modify(|z| *z = z.min(mean.z)).or_insert(mean.z);
+    }
+    // The middle-most of those that are as low, so that places are evenly apart, in whatever order the voxels were met.
     let mut floors: BTreeMap<[i64; 2], Vector3<f64>> = BTreeMap::new();
-    for (cell, _) in map.voxels() {
-        let Some(surface) = map.gaussian(cell) else { continue };
-        let spread = &surface.covariance;
-        let least_width = (0.1 * map.params().resolution).powi(2);
-        if spread.m33 > LEVEL * spread.trace() || spread.m11.min(spread.m22) < least_width {
-            continue;
-        }
-        let square = [surface.mean.x, surface.mean.y].map(|along| (along / spacing).floor() as i64);
-        let floor = floors.entry(square).or_insert(surface.mean);
-        // The middle-most of those that are as low, so that places are evenly apart.
-        let middle = Vector3::new(square[0] as f64 + 0.5, square[1] as f64 + 0.5, 0.0) * spacing;
-        let off = |mean: &Vector3<f64>| (mean.xy() - middle.xy()).norm_squared();
-        let step = surface.mean.z - floor.z;
-        if step < -STEP || (step < STEP && off(&surface.mean) < off(floor)) {
-            *floor = surface.mean;
+    for (square, mean) in level().filter(|(square, mean)| lowest.get(square).is_some_and(|z| mean.z < z + STEP)) {
+        let middle = Vector2::new(square[0] as f64 + 0.5, square[1] as f64 + 0.5) * spacing;
+        let off = |mean: &Vector3<f64>| [(mean.xy() - middle).norm_squared(), mean.x, mean.y, mean.z];
+        let floor = floors.entry(square).or_insert(mean);
+        let order = off(&mean).into_iter().zip(off(floor)).map(|(a, b)| a.total_cmp(&b)).find(|order| order.is_ne());
+        if order == Some(Ordering::Less) {
+            *floor = mean;
         }
     }
     floors.into_values().map(|floor| Se3::from_parts(floor, So3::default())).collect()

@@ -24,17 +24,17 @@ pub(super) struct Search {
 }
 
 impl Search {
-    /// The pose that explains the source best among those from all headings at the places within `radius` metres of `around`, and
-    /// from `around` itself; `None` if none fits, or another place fits nearly as well.
+    /// Looks for poses that explain the source and are `allowed`, from all headings at the places within `radius` metres of `around`,
+    /// and from `around` itself, which is always followed to its optimum.
     pub(super) fn run(
         &mut self,
         ndt: &mut NdtRegistration,
         source: &dyn PointSource,
         places: &[Se3],
-        around: &Se3,
-        radius: f64,
+        (around, radius): (&Se3, f64),
         params: &SearchParams,
-    ) -> Result<Option<Alignment<Se3>>, AlignmentError> {
+        allowed: impl Fn(&Alignment<Se3>) -> bool,
+    ) -> Result<(), AlignmentError> {
         let step = TAU / params.headings as f64;
         self.guesses.clear();
         self.guesses.push(*around);
@@ -50,14 +50,14 @@ impl Search {
         self.found.clear();
         for guess in &self.finalists {
             let result = ndt.align(source, guess)?;
-            if result.converged() {
+            if result.converged() && allowed(&result) {
                 self.found.push(result);
             }
         }
-        Ok(self.verdict(params.lead))
+        Ok(())
     }
 
-    /// The best starts, no two of which are near each other.
+    /// The first start, and the best others, no two of which are near each other.
     fn pick(&mut self, params: &SearchParams, apart: f64, turned: f64) {
         self.order.clear();
         self.order.extend(0..self.guesses.len());
@@ -65,8 +65,9 @@ impl Search {
         // Ties go to the first: the order of the guesses is that of the caller.
         self.order.sort_by(|&a, &b| scores[b].total_cmp(&scores[a]));
         self.finalists.clear();
+        self.finalists.extend(guesses.first());
         for &index in &self.order {
-            if self.finalists.len() >= params.finalists {
+            if self.finalists.len() > params.finalists {
                 break;
             }
             let guess = &guesses[index];
@@ -76,15 +77,23 @@ impl Search {
         }
     }
 
-    /// The result with the greatest share of inliers, if no other place comes up to it.
-    fn verdict(&self, lead: f64) -> Option<Alignment<Se3>> {
+    /// The result with the greatest share of inliers, if no other place comes up to it; `None` if there is none, or another fits
+    /// nearly as well. Places that differ only along what the best one leaves unobserved may count as one.
+    pub(super) fn verdict(&self, lead: f64, as_observed: bool) -> Option<Alignment<Se3>> {
         let best = self.found.iter().max_by(|a, b| a.inlier_ratio.total_cmp(&b.inlier_ratio))?;
         let is_rival = |other: &Alignment<Se3>| {
             other.inlier_ratio + lead > best.inlier_ratio
                 && !is_near(&other.target_from_source, &best.target_from_source, SAME.0, SAME.1)
+                && !(as_observed && is_same_as_observed(best, other))
         };
         (!self.found.iter().any(is_rival)).then_some(*best)
     }
+}
+
+fn is_same_as_observed(best: &Alignment<Se3>, other: &Alignment<Se3>) -> bool {
+    let apart = other.target_from_source.minus(&best.target_from_source);
+    let seen = apart - best.unobserved * apart;
+    seen.fixed_rows::<3>(0).norm() < SAME.0 && seen.fixed_rows::<3>(3).norm() < SAME.1
 }
 
 fn is_near(a: &Se3, b: &Se3, apart: f64, turned: f64) -> bool {

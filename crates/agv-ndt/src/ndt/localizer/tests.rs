@@ -114,6 +114,42 @@ fn a_long_corridor_is_followed_by_odometry_lengthwise() {
     assert!(covariance[(0, 0)] > 50.0 * covariance[(1, 1)], "{covariance}");
 }
 
+/// Nobody has told how far along the corridor: what the walls fix is corrected all the same, and nothing else.
+#[test]
+fn a_belief_that_is_wide_along_a_corridor_is_corrected_across_it() {
+    let map = map_of(&CORRIDOR, 60.0);
+    for wide in [1.2_f64, 3.0] {
+        let mut localizer = NdtLocalizer::new(&map, NdtLocalizerParams::default()).unwrap();
+        let sigma = Vector6::new(wide, 0.1, 0.05, 0.02, 0.02, 0.03);
+        let told = at(-9.4, 0.15, 0.0);
+        let belief = PoseBelief::around(told, Matrix6::from_diagonal(&sigma.map(|s| s * s)));
+        localizer.initialize(&belief.unwrap()).unwrap();
+        for i in 1..=8 {
+            let (from, to) = (0.1 * f64::from(i - 1), 0.1 * f64::from(i));
+            localizer.predict(&ahead(from, to, 0.5)).unwrap();
+            let truth = at(-10.0 + 0.5 * f64::from(i), 0.1, 0.0);
+            let outcome = localizer.update(&seen(&CORRIDOR, 4.0, 30 + i as u32, &truth, Stamp::from_seconds(to)));
+            assert!(matches!(outcome, Ok(UpdateOutcome::Applied(_))), "{wide}: {outcome:?}");
+            let off = error(&localizer, &truth);
+            assert!((off.x - 0.6).abs() < 0.1 * wide && off.y.abs() < 0.03 && off[5].abs() < 0.005, "{wide}: {off}");
+        }
+    }
+}
+
+#[test]
+fn a_localizer_without_a_search_follows_alone() {
+    let params = NdtLocalizerParams { search: None, ..NdtLocalizerParams::default() };
+    let mut localizer = NdtLocalizer::new(&map_of(&ROOM, 100.0), params).unwrap();
+    assert!(localizer.initialize(&PoseBelief::Anywhere).is_err());
+    let start = at(-3.0, 3.0, 0.0);
+    localizer.initialize(&around(start, 0.05)).unwrap();
+    for k in 0..8 {
+        let cloud = seen(&ROOM, 12.0, 90 + k, &at(4.5, -1.5, 2.0), Stamp::from_seconds(f64::from(k)));
+        assert!(matches!(localizer.update(&cloud), Ok(UpdateOutcome::Skipped(_))));
+    }
+    assert_eq!(*estimate(&localizer).map_from_base(), start);
+}
+
 #[test]
 fn a_vehicle_that_may_be_anywhere_is_found() {
     let mut localizer = room();
@@ -281,7 +317,7 @@ fn threads_change_no_bit() {
 #[test]
 fn bad_parameters_and_maps_are_named() {
     let (good, map) = (NdtLocalizerParams::default(), map_of(&ROOM, 20.0));
-    let search = good.search;
+    let search = SearchParams::default();
     for bad in [
         NdtLocalizerParams { leaf: 0.0, ..good },
         NdtLocalizerParams { leaf: f32::NAN, ..good },
@@ -294,11 +330,11 @@ fn bad_parameters_and_maps_are_named() {
         NdtLocalizerParams { extrapolation: f64::INFINITY, ..good },
         NdtLocalizerParams { drift: DriftParams { position: -1.0, ..good.drift }, ..good },
         NdtLocalizerParams { drift: DriftParams { turning: f64::NAN, ..good.drift }, ..good },
-        NdtLocalizerParams { search: SearchParams { spacing: 0.0, ..search }, ..good },
-        NdtLocalizerParams { search: SearchParams { headings: 0, ..search }, ..good },
-        NdtLocalizerParams { search: SearchParams { finalists: 0, ..search }, ..good },
-        NdtLocalizerParams { search: SearchParams { lead: 2.0, ..search }, ..good },
-        NdtLocalizerParams { search: SearchParams { radius: 0.0, ..search }, ..good },
+        NdtLocalizerParams { search: Some(SearchParams { spacing: 0.0, ..search }), ..good },
+        NdtLocalizerParams { search: Some(SearchParams { headings: 0, ..search }), ..good },
+        NdtLocalizerParams { search: Some(SearchParams { finalists: 0, ..search }), ..good },
+        NdtLocalizerParams { search: Some(SearchParams { lead: 2.0, ..search }), ..good },
+        NdtLocalizerParams { search: Some(SearchParams { radius: 0.0, ..search }), ..good },
     ] {
         assert!(NdtLocalizer::new(&map, bad).is_err(), "{bad:?}");
     }
@@ -325,4 +361,23 @@ fn a_clock_that_steps_back_does_no_harm() {
         assert_eq!(localizer.alignment().map(|a| a.termination), Some(Termination::Converged));
     }
     assert!(error(&localizer, &place).norm() < 0.02);
+}
+
+/// At 5 m/s a cloud of 0.1 s ago lies half a metre behind, also if a motion was told of that took no time.
+#[test]
+fn a_motion_without_time_keeps_the_track() {
+    let (mut localizer, place) = (room(), at(-2.0, 0.0, 0.0));
+    localizer.initialize(&around(place, 0.02)).unwrap();
+    for (from, to, x) in [(0.0, 0.1, 0.5), (0.1, 0.2, 0.5), (0.2, 0.2, 0.0), (0.15, 0.2, 0.0)] {
+        localizer.predict(&ahead(from, to, x)).unwrap();
+    }
+    let cloud = |stamp: f64, x: f64| seen(&ROOM, 10.0, 8, &at(x, 0.0, 0.0), Stamp::from_seconds(stamp));
+    assert!(matches!(localizer.update(&cloud(0.1, -1.5)), Ok(UpdateOutcome::Applied(_))));
+    assert!(error(&localizer, &at(-1.0, 0.0, 0.0)).norm() < 0.02, "{}", error(&localizer, &at(-1.0, 0.0, 0.0)));
+
+    // After the clock stepped back nothing is known of another time than that one.
+    localizer.predict(&ahead(-5.0, -4.9, 0.0)).unwrap();
+    let outcome = localizer.update(&cloud(0.15, -1.0));
+    assert!(matches!(outcome, Ok(UpdateOutcome::Skipped(SkipReason::OutsideHistory { .. }))), "{outcome:?}");
+    assert!(matches!(localizer.update(&cloud(-4.9, -1.0)), Ok(UpdateOutcome::Applied(_))));
 }

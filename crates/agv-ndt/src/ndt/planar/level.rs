@@ -18,6 +18,9 @@ const INLIER: f64 = 5.991;
 /// Shifts of the four grids, in cells.
 const SHIFTS: [[f64; 2]; 4] = [[0.0, 0.0], [0.5, 0.0], [0.0, 0.5], [0.5, 0.5]];
 
+/// Most cells of a grid: 500 x 500 m of them, with edges of half a metre.
+const MOST_CELLS: usize = 1 << 20;
+
 /// The distributions of a target.
 #[derive(Debug, Clone)]
 pub(super) struct Level {
@@ -46,23 +49,28 @@ pub(super) struct Fit {
 }
 
 impl Level {
-    /// The distributions of points in cells of `edge` metres.
+    /// The distributions of points in cells of `edge` metres; refuses points that lie too far apart.
     pub(super) fn new(
         points: &[Vector2<f64>],
         edge: f64,
-        cells: GaussianParams,
+        params: GaussianParams,
         outlier_ratio: f64,
     ) -> Result<Self, Error> {
         let corner = |pick: fn(f64, f64) -> f64, start| {
             points.iter().fold(Vector2::repeat(start), |best: Vector2<f64>, p| best.zip_map(p, pick))
         };
         let (low, high) = (corner(f64::min, f64::INFINITY), corner(f64::max, f64::NEG_INFINITY));
-        let count = |low: f64, high: f64| ((high - low) / edge) as usize + 3;
-        let (width, height) = (count(low.x, high.x), count(low.y, high.y));
+        let (width, height) = ((high.x - low.x) / edge + 3.0, (high.y - low.y) / edge + 3.0);
+        let cells = width * height;
+        if !(cells <= MOST_CELLS as f64) {
+            let (name, max) = ("cells of the target", MOST_CELLS);
+            return Err(agv_core::Error::TooMany { name, len: cells as usize, max }.into());
+        }
+        let (width, height) = (width as usize, height as usize);
         let mixture = Mixture::planar(outlier_ratio, edge)?;
         let grid = |shift: [f64; 2]| {
             let origin = Se2::new(low.x - (1.0 - shift[0]) * edge, low.y - (1.0 - shift[1]) * edge, 0.0);
-            let mut grid = GaussianGrid::new(GridLayout::new(width, height, edge, origin)?, cells)?;
+            let mut grid = GaussianGrid::new(GridLayout::new(width, height, edge, origin)?, params)?;
             grid.extend(points.iter().copied());
             Ok(grid.gaussians())
         };

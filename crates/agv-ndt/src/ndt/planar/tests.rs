@@ -70,6 +70,19 @@ fn scans_of_other_rooms_fit_poorly_and_bad_parameters_are_named() {
     let found =
         matcher(&scan(&room(), &Se2::default(), 1)).match_scan(&scan(&other, &Se2::default(), 2), &Se2::default());
     assert!(!found.unwrap().converged());
+    // Scans that lie absurdly far apart leave the last target.
+    let near = scan(&room(), &Se2::default(), 1);
+    let mut matcher = matcher(&near);
+    for far in [(1e300, 0.0), (1e4, 1e4), (-1e308, 1e308)] {
+        let scans = [Se2::default(), Se2::new(far.0, far.1, 0.0)];
+        let scans = scans.map(|target_from_base| TargetScan { target_from_base, scan: &near });
+        let refused = matcher.set_target(&scans);
+        assert!(
+            matches!(refused, Err(AlignmentError::Invalid(agv_core::Error::TooMany { .. }))),
+            "{far:?}: {refused:?}"
+        );
+    }
+    assert!(matcher.match_scan(&near, &Se2::default()).unwrap().converged());
     let good = NdtScanMatcherParams::default();
     for bad in [
         NdtScanMatcherParams { resolution: 0.0, ..good },
