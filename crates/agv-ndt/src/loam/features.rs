@@ -91,7 +91,7 @@ impl Features {
 /// Finds the features of clouds; buffers are used again.
 ///
 /// Clouds with a ring channel are looked at line by line, by curvature, and so are those whose elevations show the lines
-/// ([`LineFinder`]). Others, as down-sampled, merged or deskewed clouds are, have no lines to speak of: they are thinned out, and the
+/// ([`LineFinder`]). Others, as down-sampled, merged or deskewed clouds are, rings or not, have no lines to speak of: they are thinned out, and the
 /// spread of each point's neighbours tells surface from edge.
 ///
 /// ```
@@ -119,6 +119,9 @@ pub struct FeatureExtractor {
     lines: Vec<Line>,
     neighbourhoods: Neighbourhoods,
 }
+
+/// Fewer surface points than this are not what a lidar's lines give.
+const FEW: usize = 100;
 
 /// Columns of the image: twice those of a lidar with 0.2° between beams, so that two of them seldom share one.
 const COLUMNS: usize = 3600;
@@ -161,7 +164,13 @@ impl FeatureExtractor {
     pub fn extract_into(&mut self, cloud: &PointCloud, par: Par, out: &mut Features) -> Result<(), Error> {
         out.clear();
         if cloud.ring().is_some() {
-            return self.extract_lines(cloud, cloud, par, out);
+            self.extract_lines(cloud, cloud, par, out)?;
+            if out.surfaces.len() >= FEW {
+                return Ok(());
+            }
+            // Thinned out, perhaps: rings alone are no lines.
+            out.clear();
+            return self.neighbourhoods.extract_into(cloud, &self.params, par, out);
         }
         if self.finder.find_into(cloud, &mut self.rings) == 0 {
             return self.neighbourhoods.extract_into(cloud, &self.params, par, out);
