@@ -309,20 +309,22 @@ fn scans_alone_do() {
 fn odometry_may_begin_late_and_end_early() {
     let steps = drive(laser(181, 1.5 * PI), 150, 0.5);
     let mut slam = filter(8);
+    let mut has_begun = false;
     for (i, step) in steps.iter().enumerate() {
-        if (40..90).contains(&i) {
-            let before = slam.map_from_base();
-            if i == 40 {
+        if (40..90).contains(&i) && (has_begun || slam.belief.walked.x() > 0.05) {
+            if !has_begun {
+                let before = slam.map_from_base();
                 slam.predict(&odometry(Se2::default())).unwrap();
                 let jump = before.between(&slam.map_from_base()).translation().norm();
-                assert!(slam.belief.walked != Se2::default() && jump < 1e-9, "{jump}");
+                assert!(jump < 1e-9, "{jump}");
             }
+            has_begun = true;
             slam.predict(&odometry(step.wheels)).unwrap();
         }
         slam.update(&step.scan).unwrap();
     }
     let end = slam.map_from_base().translation() - steps[0].truth.between(&steps[149].truth).translation();
-    assert!(end.norm() < 0.4, "{end}");
+    assert!(has_begun && end.norm() < 0.4, "{end}");
 }
 
 /// What all particles have seen alike is there once.
