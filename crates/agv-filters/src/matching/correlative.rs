@@ -18,7 +18,8 @@ use nalgebra::{Matrix3, Vector2};
 /// Matches scans by an exhaustive search of a window of poses and a refinement; see the [module](super).
 ///
 /// The score of a result is the mean over the scan's end points of `exp(-d² / 2 σ²)`, with the distance `d` from the surface that
-/// each meets. The information takes the beams for independent, and the target for the truth.
+/// each meets, or from its nearest point where that is on no line. The information takes the beams for independent, and the target
+/// for the truth.
 ///
 /// ```
 /// use agv_core::{geometry::Se2, roles::{ScanMatcher, TargetScan}, sensors::{LaserScan, ScanGeometry}, time::Stamp};

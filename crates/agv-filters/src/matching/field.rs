@@ -17,7 +17,7 @@
 use super::{
     CorrelativeParams,
     correlative::held,
-    refine::sum_up,
+    refine::{NEARLY_AT_REST, sum_up},
     target::{REACH, Squares, Target, nearest_points, thin_into},
 };
 use agv_core::{
@@ -132,6 +132,8 @@ struct Sums {
     hessian: Matrix3<f64>,
     gradient: Vector3<f64>,
     likelihood: f64,
+    /// `Σ (1 - L)²`, where a point off the field has no likelihood.
+    cost: f64,
     inliers: usize,
 }
 
@@ -181,8 +183,8 @@ impl FieldMatcher {
         Ok(())
     }
 
-    /// Steps on one field; the pose, whether it came to rest, and how many steps that took.
-    fn descend(&self, field: &Grid<f32>, points: &[Vector2<f64>], start: &Se2) -> (Se2, bool, usize) {
+    /// Steps on one field; the pose, how they ended, and how many they were.
+    fn descend(&self, field: &Grid<f32>, points: &[Vector2<f64>], start: &Se2) -> (Se2, Termination, usize) {
         let resolution = field.layout().resolution();
         let sigma = self.params.observable;
         // As if the present pose were known as well as a direction that just counts as observed.
@@ -192,48 +194,56 @@ impl FieldMatcher {
         let mut here = slope(field, points, &pose);
         for iteration in 0..self.params.max_iterations {
             let Some(factor) = (here.hessian + Matrix3::from_diagonal(&damping)).cholesky() else {
-                return (pose, false, iteration);
+                return (pose, Termination::IterationLimit, iteration);
             };
             let step = factor.solve(&here.gradient);
-            // Fields bend: a step that leads downhill is halved.
-            let (mut share, mut best) = (1.0, None);
+            // Fields bend: a step that leads uphill is halved.
+            let (mut share, mut best) = (2.0, None);
             for _ in 0..4 {
+                share *= 0.5;
                 let next = pose.plus(&(step * share));
                 let there = slope(field, points, &next);
-                if there.likelihood >= here.likelihood {
+                if there.cost <= here.cost {
                     best = Some((next, there));
                     break;
                 }
-                share *= 0.5;
             }
-            let Some((next, there)) = best else { return (pose, true, iteration + 1) };
+            let length = step.amax() * share;
+            let Some((next, there)) = best else {
+                let is_near = length <= NEARLY_AT_REST * resolution;
+                return (pose, if is_near { Termination::Converged } else { Termination::Stalled }, iteration + 1);
+            };
             (pose, here) = (next, there);
-            if step.amax() * share <= AT_REST * resolution {
-                return (pose, true, iteration + 1);
+            if length <= AT_REST * resolution {
+                return (pose, Termination::Converged, iteration + 1);
             }
         }
-        (pose, false, self.params.max_iterations)
+        (pose, Termination::IterationLimit, self.params.max_iterations)
     }
 }
 
 /// The sums over some points at a pose.
 fn slope(field: &Grid<f32>, points: &[Vector2<f64>], pose: &Se2) -> Sums {
     let (mut hessian, mut gradient) = (Matrix3::zeros(), Vector3::zeros());
-    let (mut likelihood, mut inliers) = (0.0, 0);
+    let (mut likelihood, mut cost, mut inliers) = (0.0, 0.0, 0);
     let back = pose.rotation().inverse();
     // Two standard deviations off.
     let near = (-2.0_f64).exp();
     for point in points {
-        let Some((value, slope)) = field.interpolate(&pose.act(point)) else { continue };
+        let Some((value, slope)) = field.interpolate(&pose.act(point)) else {
+            cost += 1.0;
+            continue;
+        };
         let value = f64::from(value);
         let local = back.act(&slope.cast::<f64>());
         let jacobian = Vector3::new(local.x, local.y, local.y * point.x - local.x * point.y);
         hessian += jacobian * jacobian.transpose();
         gradient += jacobian * (1.0 - value);
         likelihood += value;
+        cost += (1.0 - value) * (1.0 - value);
         inliers += usize::from(value >= near);
     }
-    Sums { hessian, gradient, likelihood, inliers }
+    Sums { hessian, gradient, likelihood, cost, inliers }
 }
 
 /// The likelihoods around some points, in cells and deviations `factor` times as wide as the finest.
@@ -285,10 +295,10 @@ impl FieldMatcher {
         if points.len() < self.params.min_points {
             return Ok(result);
         }
-        let (mut pose, mut at_rest) = (*guess, false);
+        let (mut pose, mut ended) = (*guess, Termination::IterationLimit);
         for field in &self.fields {
             let steps;
-            (pose, at_rest, steps) = self.descend(field, points, &pose);
+            (pose, ended, steps) = self.descend(field, points, &pose);
             result.iterations += steps;
         }
         let sums = slope(finest, points, &pose);
@@ -300,7 +310,7 @@ impl FieldMatcher {
         {
             return Ok(result);
         }
-        result.termination = if at_rest { Termination::Converged } else { Termination::IterationLimit };
+        result.termination = ended;
         let lines = sum_up(target, points, &pose, &self.lines);
         result.information = lines.information(points, &self.lines);
         result.unobserved = unobserved_directions::<Se2>(&result.information, self.params.observable)?;

@@ -31,7 +31,7 @@ pub(super) struct Refined {
     pub(super) information: Matrix3<f64>,
     /// Points that met the target.
     pub(super) inliers: usize,
-    /// Mean over all points of `exp(-e² / 2 σ²)`.
+    /// Mean over all points of `exp(-d² / 2 σ²)`, with the distance `d` from the line, or from the point where there is none.
     pub(super) score: f64,
     pub(super) iterations: usize,
     pub(super) termination: Termination,
@@ -41,7 +41,7 @@ pub(super) struct Refined {
 const AT_REST: f64 = 1e-5;
 
 /// A last step below this share of a cell is no failure: two points that are equally near take turns.
-const NEARLY_AT_REST: f64 = 0.02;
+pub(super) const NEARLY_AT_REST: f64 = 0.02;
 
 /// Sums over the points at a pose.
 pub(super) struct Sums {
@@ -51,6 +51,8 @@ pub(super) struct Sums {
     spurious: Matrix3<f64>,
     weight: f64,
     squares: f64,
+    /// Sum of `exp(-d² / 2 σ²)`, of points on no line too.
+    score: f64,
     pub(super) inliers: usize,
 }
 
@@ -102,7 +104,7 @@ pub(super) fn refine(target: &Target, points: &[Vector2<f64>], start: &Se2, para
         pose,
         information: sums.information(points, params),
         inliers: sums.inliers,
-        score: sums.weight / points.len().max(1) as f64,
+        score: sums.score / points.len().max(1) as f64,
         iterations,
         termination,
     }
@@ -111,7 +113,7 @@ pub(super) fn refine(target: &Target, points: &[Vector2<f64>], start: &Se2, para
 /// The sums over some points at a pose.
 pub(super) fn sum_up(target: &Target, points: &[Vector2<f64>], pose: &Se2, params: &CorrelativeParams) -> Sums {
     let (mut hessian, mut gradient, mut spurious) = (Matrix3::zeros(), Vector3::zeros(), Matrix3::zeros());
-    let (mut weight, mut squares, mut inliers) = (0.0, 0.0, 0);
+    let (mut weight, mut squares, mut score, mut inliers) = (0.0, 0.0, 0.0, 0);
     let scale = -0.5 / (params.sigma * params.sigma);
     let back = pose.rotation().inverse();
     for point in points {
@@ -123,6 +125,7 @@ pub(super) fn sum_up(target: &Target, points: &[Vector2<f64>], pose: &Se2, param
         }
         inliers += 1;
         if normal == Vector2::zeros() {
+            score += (scale * off.norm_squared()).exp();
             continue;
         }
         let residual = normal.dot(&off);
@@ -134,6 +137,7 @@ pub(super) fn sum_up(target: &Target, points: &[Vector2<f64>], pose: &Se2, param
         spurious += along * along.transpose() * (share * doubt);
         gradient += jacobian * (residual * share);
         (weight, squares) = (weight + share, squares + share * residual * residual);
+        score += share;
     }
-    Sums { hessian, gradient, spurious, weight, squares, inliers }
+    Sums { hessian, gradient, spurious, weight, squares, score, inliers }
 }

@@ -299,3 +299,17 @@ fn bad_fields_are_named() {
     }
     assert!(matcher.match_scan(&reading, &Se2::new(f64::NAN, 0.0, 0.0)).is_err());
 }
+
+#[test]
+fn points_that_are_on_no_line_count_in_the_score() {
+    let posts: Vec<_> = (0..42).map(|i| Vector2::new(f64::from(i % 7), f64::from(i / 7))).collect();
+    let mut matcher = CorrelativeMatcher::new(CorrelativeParams::default()).unwrap();
+    matcher.set_points(&posts).unwrap();
+    let here = SearchWindow { distance: 0.0, angle: 0.0 };
+    let found = matcher.match_points(&posts, &Se2::default(), here).unwrap();
+    assert!(found.converged() && found.score > 0.95, "{found:?}");
+    let aside: Vec<_> = posts.iter().map(|post| post + Vector2::new(0.1, 0.0)).collect();
+    let found = matcher.match_points(&aside, &Se2::default(), here).unwrap();
+    // One standard deviation off.
+    assert!((found.score - (-0.5_f64).exp()).abs() < 0.01, "{found:?}");
+}

@@ -10,6 +10,7 @@ use super::{
 use crate::graph::PoseGraph;
 use agv_core::{Error, check, geometry::Se2, sensors::LaserScan};
 use serde::{Deserialize, Serialize, Serializer};
+use std::collections::BTreeSet;
 
 /// A key scan without what follows from it.
 #[derive(Serialize, Deserialize)]
@@ -43,6 +44,7 @@ pub(super) struct RawGraphSlam {
     last_motion: Se2,
     since_key: Option<Driven>,
     pending: Vec<Closure>,
+    closed: BTreeSet<(u32, u32)>,
 }
 
 impl TryFrom<RawGraphSlam> for GraphSlam {
@@ -80,12 +82,10 @@ impl TryFrom<RawGraphSlam> for GraphSlam {
             last_motion: raw.last_motion,
             since_key: raw.since_key,
             pending: raw.pending,
+            closed: raw.closed,
             derived,
         };
-        slam.aim().map_err(|error| match error {
-            agv_core::roles::AlignmentError::Invalid(error) => error,
-            _ => Error::Empty { name: "target" },
-        })?;
+        slam.aim()?;
         Ok(slam)
     }
 }

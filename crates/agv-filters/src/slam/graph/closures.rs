@@ -7,7 +7,7 @@ use super::{
 use crate::matching::{CorrelativeMatcher, SearchWindow};
 use agv_core::{
     compute::Par,
-    geometry::{LieGroup, PoseSigma, Se2, angle_difference},
+    geometry::{LieGroup, PoseSigma, Se2, angle_difference, observed_information},
     roles::{Alignment, AlignmentError},
 };
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -112,7 +112,7 @@ pub(super) fn find(
                     from: anchors[i] as u32,
                     to: keys.len() as u32 - 1,
                     from_from_to: found.target_from_source,
-                    information: matched_information(&found, params)?,
+                    information: seen_information(&found, params)?,
                 })
             })
             .into_iter()
@@ -126,13 +126,24 @@ pub(super) fn find(
     par.map_reduce(anchors.len(), look, both).unwrap_or_else(|| Ok(Vec::new()))
 }
 
-/// What a match is worth to the graph: the information of its points is that of independent beams and a perfect target.
+/// What a match is worth to the graph where nothing else ties its poses: the information of its points is that of independent beams and
+/// a perfect target, and what they do not see is bounded.
 pub(super) fn matched_information(found: &Alignment<Se2>, params: &GraphSlamParams) -> Option<Matrix3<f64>> {
     let covariance = found.covariance(params.matcher.observable).ok()?;
     let floor = params.match_floor;
     let variances = Vector3::new(floor.translation, floor.translation, floor.rotation).map(|sigma| sigma * sigma);
     let inverse = (covariance + Matrix3::from_diagonal(&variances)).cholesky()?.inverse();
     Some((inverse + inverse.transpose()) * 0.5)
+}
+
+/// Information along a direction that was not observed: none to speak of (a hundred metres), so that rounding leaves no negative one.
+const NEXT_TO_NONE: f64 = 1e-4;
+
+/// As [`matched_information`], without the directions that the match does not see: along these it is held where it was guessed, and a
+/// guess that is told as a measurement again and again would become certain.
+pub(super) fn seen_information(found: &Alignment<Se2>, params: &GraphSlamParams) -> Option<Matrix3<f64>> {
+    let information = matched_information(found, params)?;
+    Some(observed_information::<Se2>(&information, &found.unobserved) + found.unobserved * NEXT_TO_NONE)
 }
 
 /// Where the last key scan would be if a closure were right.

@@ -45,6 +45,7 @@ impl GraphSlam {
         for Closure { from, to, from_from_to, information } in &believed {
             let relation = Relation::new(PoseId(*from), PoseId(*to), *from_from_to, *information);
             self.graph.add_relation(relation.with_kernel(CLOSURE_KERNEL))?;
+            self.closed.insert((*from, *to));
             self.tied = path;
         }
         Ok(believed.len())
@@ -57,13 +58,22 @@ impl GraphSlam {
     /// # Errors
     /// [`Error::TooMany`] for a graph that memory has no room for.
     pub fn correct(&mut self) -> Result<bool, Error> {
+        let converged = self.solve()?;
+        self.aim()?;
+        Ok(converged)
+    }
+
+    /// As [`correct`](Self::correct), with the front end's target as it was.
+    pub(super) fn solve(&mut self) -> Result<bool, Error> {
         let mut report = self.derived.solver.optimize(&mut self.graph)?;
         let poses = self.graph.poses().to_vec();
-        let before = self.graph.relations().len();
+        let (before, closed) = (self.graph.relations().len(), &self.closed);
         self.graph.retain_relations(|relation| {
             let predicted = poses[relation.from.index()].between(&poses[relation.to.index()]);
             let error = relation.from_from_to.between(&predicted).log();
-            relation.kernel != CLOSURE_KERNEL || (error.transpose() * relation.information * error)[0] <= CONTRADICTION
+            // The first key scan of a drive may be tied to its anchor by a match too, which has no kernel.
+            let is_closure = relation.kernel == CLOSURE_KERNEL && closed.contains(&(relation.from.0, relation.to.0));
+            !is_closure || (error.transpose() * relation.information * error)[0] <= CONTRADICTION
         });
         if self.graph.relations().len() < before {
             report = self.derived.solver.optimize(&mut self.graph)?;

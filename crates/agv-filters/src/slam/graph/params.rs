@@ -167,7 +167,7 @@ pub struct GraphSlamParams {
     pub inverse_model: InverseModelParams,
     /// How scans are matched; its window is the front end's.
     pub matcher: CorrelativeParams,
-    /// Greatest range of a reading that is matched, in metres.
+    /// Greatest range of a reading that is matched, in metres: at most 3000 cells of the matcher.
     pub max_range: f64,
     /// A key scan is made after so many metres,
     pub key_distance: f64,
@@ -214,6 +214,8 @@ impl GraphSlamParams {
         InverseModel::new(self.inverse_model)?;
         self.matcher.validate()?;
         check::positive("max_range", self.max_range)?;
+        // What a scan sees must be one target.
+        check::in_range("max_range (cells of the matcher)", self.max_range / self.matcher.resolution, 1.0, 3000.0)?;
         check::positive("key_distance", self.key_distance)?;
         check::positive("key_angle", self.key_angle)?;
         check::at_least("chain", self.chain, 1)?;

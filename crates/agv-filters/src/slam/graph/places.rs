@@ -38,7 +38,10 @@ impl GraphSlam {
         self.frozen = frozen;
         // What is added is related to a key scan nearby, and is a drive of its own: the ones before end elsewhere.
         self.drive += u32::from(!frozen);
-        self.settle(&here)
+        self.settle(&here).inspect_err(|_| {
+            self.frozen = !frozen;
+            self.drive -= u32::from(!frozen);
+        })
     }
 
     /// Finds the vehicle by a scan: after a start in a map that was loaded, or after it was carried away. Around a guess that is good to
@@ -90,10 +93,11 @@ impl GraphSlam {
             return Ok(None);
         };
         let here = poses[anchor].compose(&found.target_from_source);
-        self.drive += u32::from(!self.frozen);
+        let begun = u32::from(!self.frozen);
+        self.drive += begun;
+        self.settle(&here).inspect_err(|_| self.drive -= begun)?;
         (self.last_odometry, self.last_motion) = (None, Se2::default());
         self.pending.clear();
-        self.settle(&here)?;
         Ok(Some(found))
     }
 
@@ -107,22 +111,31 @@ impl GraphSlam {
         poses.min_by(|a, b| far(a.1).total_cmp(&far(b.1))).map(|(index, _)| index)
     }
 
-    /// Makes the key scan nearest to a pose the anchor, and the target of those around it.
+    /// Makes the key scan nearest to a pose the anchor, and the target of those around it; nothing where that fails.
     fn settle(&mut self, map_from_base: &Se2) -> Result<(), AlignmentError> {
         let Some(nearest) = self.nearest(map_from_base) else { return Ok(()) };
+        let before = (self.anchor, self.anchor_from_base, self.since_key);
         self.anchor = nearest as u32;
         self.anchor_from_base = self.graph.poses()[nearest].between(map_from_base);
-        self.since_key = Some(super::params::Driven::default());
-        self.aim()
+        // Odometry does not know the way from the new anchor to here.
+        self.since_key = None;
+        let aimed = self.aim();
+        if aimed.is_err() {
+            (self.anchor, self.anchor_from_base, self.since_key) = before;
+        }
+        Ok(aimed?)
     }
 
     /// In a map that stays: another anchor where one is nearer by more than the way between key scans.
     pub(super) fn follow(&mut self) -> Result<(), AlignmentError> {
-        let here = self.map_from_base();
         let is_far = self.anchor_from_base.translation().norm() >= self.params.key_distance
             || self.anchor_from_base.yaw().abs() >= self.params.key_angle;
+        if !is_far {
+            return Ok(());
+        }
+        let here = self.map_from_base();
         match self.nearest(&here) {
-            Some(nearest) if is_far && nearest as u32 != self.anchor => self.settle(&here),
+            Some(nearest) if nearest as u32 != self.anchor => self.settle(&here),
             _ => Ok(()),
         }
     }

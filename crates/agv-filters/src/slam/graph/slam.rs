@@ -20,6 +20,7 @@ use agv_core::{
     time::Stamp,
 };
 use nalgebra::Vector2;
+use std::collections::BTreeSet;
 
 /// How a scan found its place.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -52,7 +53,7 @@ pub struct SlamStep {
     pub key: Option<PoseId>,
     /// Loop closures that were believed with it.
     pub closures: usize,
-    /// Whether the map was corrected.
+    /// Whether the poses of the map were corrected, as they are after each closure.
     pub corrected: bool,
 }
 
@@ -115,6 +116,8 @@ pub struct GraphSlam {
     /// Motion since the last key scan by odometry; none if a part is missing.
     pub(super) since_key: Option<Driven>,
     pub(super) pending: Vec<Closure>,
+    /// Key scans that a believed closure relates: the older one, the newer one.
+    pub(super) closed: BTreeSet<(u32, u32)>,
     #[cfg_attr(feature = "serde", serde(skip))]
     pub(super) derived: Derived,
 }
@@ -176,6 +179,7 @@ impl GraphSlam {
             last_motion: Se2::default(),
             since_key: Some(Driven::default()),
             pending: Vec::new(),
+            closed: BTreeSet::new(),
             derived: Derived::new(&params)?,
         })
     }
@@ -193,7 +197,8 @@ impl GraphSlam {
     /// graph.
     ///
     /// # Errors
-    /// An odometry that is not finite; the state is then as it was.
+    /// An odometry that is not finite; the state is then as it was. [`Error::TooMany`] for a graph that memory has no room for; the scan
+    /// is then taken in, but loops are not closed.
     pub fn process(&mut self, scan: &LaserScan, odom_from_base: Option<&Se2>) -> Result<SlamStep, AlignmentError> {
         if let Some(pose) = odom_from_base {
             check::all_finite("odom_from_base", &[pose.x(), pose.y(), pose.yaw()])?;
@@ -260,19 +265,20 @@ impl GraphSlam {
             closures: 0,
             corrected: false,
         };
-        // Until the first scan that says something, the vehicle is where the map begins.
-        self.way.push(Place { stamp: scan.stamp(), key: 0, key_from_base: Se2::default() });
         let params = GraphSlamParams { matcher: self.params.matcher.widened_for(noise(scan)), ..self.params };
         let key = KeyScan::new(scan.clone(), self.path, self.drive, &params);
         // Wider cells leave fewer points.
         if enough && key.points.len() >= params.matcher.min_points {
-            self.derived.front = CorrelativeMatcher::new(params.matcher)?;
-            self.params = params;
+            let mut front = CorrelativeMatcher::new(params.matcher)?;
+            front.set_points(&key.points)?;
             step.key = Some(self.graph.add_pose(Se2::default())?);
             step.outcome = TrackingOutcome::First;
+            self.derived.front = front;
+            self.params = params;
             self.keys.push(key);
-            self.aim()?;
         }
+        // Until the first scan that says something, the vehicle is where the map begins.
+        self.way.push(Place { stamp: scan.stamp(), key: 0, key_from_base: Se2::default() });
         Ok(step)
     }
 
@@ -306,7 +312,12 @@ impl GraphSlam {
         let to = self.graph.add_pose(self.map_from_base())?;
         self.keys.push(KeyScan::new(scan.clone(), self.path, self.drive, &self.params));
         let matched = matches!(step.outcome, TrackingOutcome::Matched | TrackingOutcome::Searched)
-            .then(|| closures::matched_information(&step.alignment, &self.params))
+            .then(|| {
+                // Where there is odometry, it alone says what the match does not see.
+                let worth =
+                    if self.since_key.is_some() { closures::seen_information } else { closures::matched_information };
+                worth(&step.alignment, &self.params)
+            })
             .flatten();
         if let Some(information) = matched {
             self.graph.add_relation(Relation::new(from, to, motion, information))?;
@@ -325,24 +336,36 @@ impl GraphSlam {
             (place.key, place.key_from_base) = (to.0, Se2::default());
         }
         step.key = Some(to);
-        step.closures = self.close_loops()?;
-        if step.closures > 0 {
-            step.corrected = self.correct()?;
-            step.map_from_base = self.map_from_base();
-        }
-        self.aim()
+        let closed = self.close_and_solve(step);
+        // Whatever came of it, the target is that of the new anchor.
+        self.aim()?;
+        closed
     }
 
-    /// Makes the target anew: the last key scans, in the frame of the anchor.
-    pub(super) fn aim(&mut self) -> Result<(), AlignmentError> {
+    fn close_and_solve(&mut self, step: &mut SlamStep) -> Result<(), AlignmentError> {
+        step.closures = self.close_loops()?;
+        if step.closures > 0 {
+            self.solve()?;
+            step.corrected = true;
+            step.map_from_base = self.map_from_base();
+        }
+        Ok(())
+    }
+
+    /// Makes the target anew: the last key scans, in the frame of the anchor; the anchor alone where these are too far apart for one
+    /// target.
+    pub(super) fn aim(&mut self) -> Result<(), Error> {
         let poses = self.graph.poses();
         let anchor = self.anchor as usize;
         let Some(map_from_anchor) = poses.get(anchor) else { return Ok(()) };
         let chain = self.chain();
         let mut target = std::mem::take(&mut self.derived.target);
         gather(chain.iter().map(|&i| (&self.keys[i], &poses[i])), map_from_anchor, &mut target);
-        let aimed = self.derived.front.set_points(&target);
+        let mut aimed = self.derived.front.set_points(&target);
+        if matches!(aimed, Err(Error::TooMany { .. })) {
+            aimed = self.derived.front.set_points(&self.keys[anchor].points);
+        }
         self.derived.target = target;
-        Ok(aimed?)
+        aimed
     }
 }

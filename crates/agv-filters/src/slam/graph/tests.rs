@@ -2,6 +2,7 @@
 
 use super::{GraphSlam, GraphSlamParams, SlamStep, TrackingOutcome};
 use agv_core::{
+    check,
     compute::{Par, Seed},
     geometry::{LieGroup, Se2, Twist2},
     grid::{CellState, OccupancyThresholds},
@@ -191,13 +192,21 @@ fn clocks_may_jump_and_threads_may_be_many() {
 #[test]
 fn a_corridor_hides_the_way_along_it_and_odometry_tells_it() {
     let world = World2d::new(Shape::room(Vector2::new(-100.0, -1.2), Vector2::new(100.0, 1.2)).to_vec()).unwrap();
-    let (mut laser, mut slam) = (laser(PI, Se2::default(), 5), slam());
+    let (mut laser, mut slam, mut matched) = (laser(PI, Se2::default(), 5), slam(), 0);
     for i in 0..60 {
         let truth = Se2::new(0.1 * f64::from(i), 0.0, 0.0);
         let scan = laser.scan(&world, &truth, &Twist2::ZERO, Stamp::default()).unwrap();
         let step = slam.process(scan, Some(&truth)).unwrap();
         assert!(i == 0 || step.alignment.unobserved[(0, 0)] > 0.99, "{}", step.alignment.unobserved);
+        if step.outcome == TrackingOutcome::Matched {
+            matched += 1;
+            let seen = super::closures::seen_information(&step.alignment, slam.params()).unwrap();
+            // The sum over the directions that are not observed.
+            assert!((step.alignment.unobserved * seen).trace() < 1e-3, "{seen}");
+            check::covariance("information", &seen).unwrap();
+        }
     }
+    assert!(matched > 0);
     let pose = slam.map_from_base();
     assert!((pose.x() - 5.9).abs() < 0.2 && pose.y().abs() < 0.02 && pose.yaw().abs() < 0.01, "{pose:?}");
 }
@@ -242,6 +251,29 @@ fn a_map_is_localised_in_and_gone_on_with() {
     assert_eq!(slam.map_from_base(), before);
 }
 
+/// A drive that begins beside the key scans that are there is related to them by where it was found.
+#[test]
+fn a_drive_that_begins_elsewhere_is_tied_to_where_it_was_found() {
+    let (first, mut laser, mut slam) = (drive(12.0), laser(PI, Se2::default(), 4), slam());
+    run(&mut slam, &first);
+    let (keys, map_from_world, world) = (slam.keys(), first[0].truth.inverse(), building());
+    for i in 0..12 {
+        let truth = Se2::new(5.5 + 0.1 * f64::from(i), 0.7, 0.0);
+        let scan = laser.scan(&world, &truth, &Twist2::ZERO, Stamp::default()).unwrap();
+        if i == 0 {
+            slam.relocate(scan, Some(&(map_from_world * truth))).unwrap().unwrap();
+        }
+        slam.process(scan, Some(&truth)).unwrap();
+    }
+    assert!(slam.keys() > keys + 2);
+    let poses = slam.graph().poses();
+    for relation in slam.graph().relations() {
+        let found = poses[relation.from.index()].between(&poses[relation.to.index()]);
+        let off = relation.from_from_to.between(&found);
+        assert!(off.translation().norm() < 0.2, "{relation:?} {off:?}");
+    }
+}
+
 #[cfg(feature = "serde")]
 #[test]
 fn a_stored_state_continues_with_the_same_bits() {
@@ -258,6 +290,15 @@ fn a_stored_state_continues_with_the_same_bits() {
         assert!(resumed.trajectory().eq(whole.trajectory()), "{at}");
         assert_eq!(resumed.map().unwrap(), whole.map().unwrap());
     }
+    // And after a correction that no closure asked for.
+    let mut killed = slam();
+    run(&mut killed, &drive[..262]);
+    killed.correct().unwrap();
+    let mut resumed: GraphSlam = serde_json::from_str(&serde_json::to_string(&killed).unwrap()).unwrap();
+    for slam in [&mut killed, &mut resumed] {
+        run(slam, &drive[262..]);
+    }
+    assert!(resumed.trajectory().eq(killed.trajectory()));
     let mut value = serde_json::to_value(&whole).unwrap();
     for (pointer, bad) in [("/anchor", 100_000.into()), ("/way/3/key", 9999.into()), ("/path", serde_json::Value::Null)]
     {
@@ -274,6 +315,7 @@ fn bad_input_is_named_or_skipped() {
     for (name, bad) in [
         ("resolution", GraphSlamParams { resolution: 0.0, ..good }),
         ("max_range", GraphSlamParams { max_range: f64::NAN, ..good }),
+        ("max_range (cells of the matcher)", GraphSlamParams { max_range: 205.0, ..good }),
         ("key_distance", GraphSlamParams { key_distance: -1.0, ..good }),
         ("key_angle", GraphSlamParams { key_angle: f64::INFINITY, ..good }),
         ("chain", GraphSlamParams { chain: 0, ..good }),

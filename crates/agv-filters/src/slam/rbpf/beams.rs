@@ -10,6 +10,9 @@ use nalgebra::Vector2;
 /// Cells from a pose beyond which no scan is read: two kilometres at 0.05 m.
 pub(super) const FARTHEST: f64 = 40_000.0;
 
+/// Cells from the origin up to which there are maps: a quarter of what traversals count, so that sums of coordinates fit.
+pub(super) const FAR: f64 = (1_i64 << 27) as f64;
+
 /// Where a beam ends, in the base frame, in metres.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct End {
@@ -58,8 +61,6 @@ impl Beams {
     /// Least and greatest cell that the beams may reach from a pose, with a margin of cells; none where
     /// that is more than a scanner can reach, or farther off than cells are counted.
     pub(super) fn cells_from(&self, pose: &Se2, resolution: f64, margin: i32) -> Option<((i32, i32), (i32, i32))> {
-        // A quarter of what traversals count, so that sums of coordinates fit.
-        const FAR: f64 = (1_i64 << 27) as f64;
         let (middle, reach) = (pose.translation() / resolution, self.reach / resolution + f64::from(margin) + 1.0);
         if reach > FARTHEST {
             return None;

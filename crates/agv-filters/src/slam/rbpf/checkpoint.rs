@@ -1,13 +1,14 @@
 //! The state of a running filter, to store and to resume from.
 
 use super::{
+    beams::FAR,
     filter::{Belief, Rbpf, Seen},
     map::{TileMap, TileRect},
     scan_odometry::ScanOdometry,
-    tile::Tile,
+    tile::{TILE, Tile},
     trajectory::TrajectoryTree,
 };
-use crate::particle::ParticleSet;
+use crate::particle::{ParticleSet, WeightSummary};
 use agv_core::{Error, check, compute::Seed, geometry::Se2, odometry::OdometryIncrement, sensors::LaserScan};
 use std::{collections::HashMap, sync::Arc};
 
@@ -25,7 +26,8 @@ pub struct RbpfCheckpoint {
     scores: Vec<f64>,
     tree: TrajectoryTree,
     pending: Option<OdometryIncrement>,
-    has_odometry: bool,
+    weights: WeightSummary,
+    scans_without: u32,
     walked: Se2,
     drift: Se2,
     steps: Vec<Se2>,
@@ -49,7 +51,8 @@ impl<M> Rbpf<M> {
             tree,
             scores,
             pending,
-            has_odometry,
+            weights,
+            scans_without,
             walked,
             drift,
             steps,
@@ -80,7 +83,8 @@ impl<M> Rbpf<M> {
             scores: scores.clone(),
             tree: tree.clone(),
             pending: *pending,
-            has_odometry: *has_odometry,
+            weights: *weights,
+            scans_without: *scans_without,
             walked: *walked,
             drift: *drift,
             steps: steps.clone(),
@@ -125,7 +129,8 @@ impl<M> Rbpf<M> {
             tree: stored.tree.clone(),
             scores: stored.scores.clone(),
             pending: stored.pending,
-            has_odometry: stored.has_odometry,
+            weights: stored.weights,
+            scans_without: stored.scans_without,
             walked: stored.walked,
             drift: stored.drift,
             steps: stored.steps.clone(),
@@ -154,6 +159,10 @@ impl RbpfCheckpoint {
                     len: tiles.len(),
                     expected: *number as usize + 1,
                 })?;
+                for along in [place.0, place.1] {
+                    let most = FAR / f64::from(TILE);
+                    check::in_range("place of a tile", f64::from(along), -most, most)?;
+                }
                 map.check_room(&TileRect { low: *place, high: *place })?;
                 map.put(*place, Arc::clone(tile));
             }

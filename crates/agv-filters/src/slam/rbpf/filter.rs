@@ -1,7 +1,7 @@
 //! The filter: motions and scans in.
 
 use super::{
-    beams::Beams,
+    beams::{Beams, FAR, FARTHEST},
     insert::insert,
     map::{TileMap, TileRect},
     params::RbpfParams,
@@ -28,8 +28,9 @@ const LONGEST_RUN: f64 = 1e6;
 /// A Rao-Blackwellised particle filter: simultaneous localisation and mapping. See the [module](super).
 ///
 /// [`predict`](Self::predict) takes what the odometry says, as often as it says something; [`update`](Self::update) takes scans, of
-/// which those are taken in before which the vehicle has moved. Without any odometry the scans alone do, if
-/// [`RbpfParams::scan_odometry`] is there and scans come often enough for its window.
+/// which those are taken in before which the vehicle has moved. Without odometry the scans alone do, if
+/// [`RbpfParams::scan_odometry`] is there and scans come often enough for its window: from the start, or from the eighth scan on that
+/// comes without any, from where the vehicle is then expected; until odometry comes again.
 ///
 /// A call that returns an error has changed nothing. Stamps are kept for the trajectory and used for nothing else, so that clocks may
 /// jump.
@@ -72,6 +73,9 @@ pub struct Rbpf<M> {
     log_weights: Vec<f64>,
 }
 
+/// Scans without odometry from which on there is none.
+const PATIENCE: u32 = 8;
+
 /// All that changes as the filter runs.
 #[derive(Debug, Clone)]
 pub(super) struct Belief {
@@ -82,11 +86,13 @@ pub(super) struct Belief {
     pub(super) tree: TrajectoryTree,
     /// Sums of the logarithms of the particles' weights, over their whole trajectories.
     pub(super) scores: Vec<f64>,
-    /// The motion since the last scan that was taken in, by the odometry.
+    /// What the last scan that was taken in made of the weights.
+    pub(super) weights: WeightSummary,
+    /// The motion since the last scan that was taken in, by the odometry, and by the scans where there was none.
     pub(super) pending: Option<OdometryIncrement>,
-    /// Whether there ever was odometry.
-    pub(super) has_odometry: bool,
-    /// Without odometry: the motion since the last scan that was taken in to the last scan, and that between the last two scans.
+    /// Scans since the last odometry.
+    pub(super) scans_without: u32,
+    /// The motion since the last scan that was taken in to the last scan, and that between the last two scans.
     pub(super) walked: Se2,
     pub(super) drift: Se2,
     /// The motion before each scan that was taken in, by the odometry.
@@ -113,13 +119,13 @@ pub(super) struct Seen {
 pub struct RbpfUpdate {
     /// Why the scan was not taken in; none if it was.
     pub skipped: Option<SkipReason>,
-    /// The weights after it, before a new set was drawn.
+    /// The weights after it, before a new set was drawn; those that are if it was not taken in.
     pub weights: WeightSummary,
     /// Whether a new set was drawn.
     pub resampled: bool,
-    /// Particles that the scan placed; the others went where the motion model drew them.
+    /// Particles that the scan placed; the others went where the motion model drew them. None if it was not taken in.
     pub matched: usize,
-    /// Mean share of the matched beams that met the particles' maps.
+    /// Mean share of the matched beams that met the particles' maps; zero if it was not taken in.
     pub explained: f64,
 }
 
@@ -178,8 +184,9 @@ impl Belief {
             maps: vec![TileMap::new(params.resolution); count],
             tree: TrajectoryTree::default(),
             scores: vec![0.0; count],
+            weights: WeightSummary::uniform(count),
             pending: None,
-            has_odometry: false,
+            scans_without: u32::MAX,
             walked: Se2::identity(),
             drift: Se2::identity(),
             steps: Vec::new(),
@@ -188,12 +195,26 @@ impl Belief {
         })
     }
 
-    /// The motion since the last scan that was taken in, by the odometry.
+    /// The motion since the last scan that was taken in.
     pub(super) fn since(&self) -> Se2 {
-        self.pending.map_or_else(Se2::identity, |pending| pending.start_from_end)
+        self.pending.map_or(self.walked, |pending| pending.start_from_end)
+    }
+
+    /// Whether there is odometry: scans may come faster than it does.
+    const fn has_odometry(&self) -> bool {
+        self.scans_without < PATIENCE
+    }
+
+    /// The motion to a scan that is not taken in.
+    fn walk(&mut self, moved: &Moved) {
+        (self.walked, self.drift) = (moved.since, moved.drift);
+        if let Some(pending) = &mut self.pending {
+            pending.start_from_end = moved.since;
+        }
     }
 
     fn note(&mut self, stamp: Stamp, since: Se2) {
+        self.scans_without = self.scans_without.saturating_add(1);
         self.seen.push(Seen { stamp, step: self.steps.len().saturating_sub(1) as u32, since });
     }
 }
@@ -202,19 +223,21 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
     /// The vehicle has moved.
     ///
     /// # Errors
-    /// A motion or a covariance that is not finite, or of more than 1000 km.
+    /// A motion that is not finite or of more than 1000 km, or a covariance that is none.
     pub fn predict(&mut self, odometry: &OdometryIncrement) -> Result<(), Error> {
         let motion = odometry.start_from_end;
         check::all_finite("odometry", &[motion.x(), motion.y(), motion.yaw()])?;
         check::in_range("odometry run", motion.translation().norm(), 0.0, LONGEST_RUN)?;
-        check::all_finite("odometry covariance", odometry.covariance.iter())?;
+        check::covariance("odometry covariance", &odometry.covariance)?;
         let belief = &mut self.belief;
-        belief.has_odometry = true;
+        belief.scans_without = 0;
         if belief.steps.is_empty() {
             // Before the first scan there is nothing that the vehicle moves in.
             return Ok(());
         }
-        belief.pending = Some(belief.pending.map_or(*odometry, |earlier| earlier.compose(odometry)));
+        // What the scans have made of the motion so far.
+        let walked = (belief.walked != Se2::identity()).then(|| standing(odometry.start, belief.walked));
+        belief.pending = Some(belief.pending.or(walked).map_or(*odometry, |earlier| earlier.compose(odometry)));
         Ok(())
     }
 
@@ -230,6 +253,9 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
         self.beams.read(scan, &self.model, self.params.matching.max_beams);
         let (usable, needed) = (self.beams.hits(), self.params.matching.min_beams);
         if usable < needed {
+            // Nothing says more than what is expected.
+            let moved = self.expected(scan.stamp());
+            self.belief.walk(&moved);
             return Ok(self.skipped(scan, SkipReason::TooFewReadings { usable, needed }));
         }
         if self.belief.steps.is_empty() {
@@ -237,25 +263,34 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
         }
         let moved = self.motion_before(scan)?;
         if !self.params.update.is_reached(moved.since.translation().norm(), moved.since.yaw().abs()) {
-            (self.belief.walked, self.belief.drift) = (moved.since, moved.drift);
+            self.belief.walk(&moved);
             return Ok(self.skipped(scan, SkipReason::LittleMotion));
         }
         self.propose_all(&moved)?;
         Ok(self.take_in(scan, &moved))
     }
 
+    /// How the vehicle should have moved since the last scan that was taken in, before that is matched.
+    fn expected(&self, stamp: Stamp) -> Moved {
+        let belief = &self.belief;
+        if belief.has_odometry() || self.scan_odometry.is_none() {
+            let since = belief.since();
+            // What comes between two scans without odometry is told by the next one.
+            let drift = if belief.scans_without == 0 { belief.walked.between(&since) } else { belief.drift };
+            return Moved { since, motion: belief.pending.unwrap_or_else(|| standing(stamp, since)), drift };
+        }
+        // Without wheels the vehicle is taken to go on as it did, since they were there.
+        let steps = if belief.scans_without == PATIENCE { PATIENCE } else { 1 };
+        let since = (0..steps).fold(belief.walked, |pose, _| pose * belief.drift);
+        Moved { since, motion: standing(stamp, since), drift: belief.drift }
+    }
+
     /// How the vehicle has moved since the last scan that was taken in.
     fn motion_before(&mut self, scan: &LaserScan) -> Result<Moved, Error> {
+        let mut moved = self.expected(scan.stamp());
         let belief = &self.belief;
-        let (stamp, drift) = (scan.stamp(), belief.drift);
-        // Without wheels the vehicle is taken to go on as it did.
-        let alone = if belief.has_odometry { Se2::identity() } else { belief.walked * drift };
-        let standing =
-            OdometryIncrement { start: stamp, end: stamp, start_from_end: alone, covariance: Matrix3::zeros() };
-        let motion = belief.pending.unwrap_or(standing);
-        let mut moved = Moved { since: motion.start_from_end, motion, drift };
         let Some(matching) = &mut self.scan_odometry else { return Ok(moved) };
-        if belief.has_odometry {
+        if belief.has_odometry() {
             let is_due = self.params.update.is_reached(moved.since.translation().norm(), moved.since.yaw().abs());
             if is_due && let Some(by_wheels) = Motion::new(moved.since, &self.motion.covariance(&moved.motion)) {
                 let found = matching.motion(scan, &moved.since, &by_wheels.information)?;
@@ -266,7 +301,11 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
             let loose = [window.distance, window.distance, window.angle].map(|sigma| sigma.max(1e-3).powi(-2));
             let found = matching.motion(scan, &moved.since, &Matrix3::from_diagonal(&loose.into()))?;
             let since = found.unwrap_or(moved.since);
-            moved.drift = found.map_or_else(Se2::identity, |found| belief.walked.between(&found));
+            moved.drift = match found {
+                Some(found) if belief.scans_without != PATIENCE => belief.walked.between(&found),
+                Some(_) => moved.drift,
+                None => Se2::identity(),
+            };
             (moved.since, moved.motion.start_from_end) = (since, since);
         }
         Ok(moved)
@@ -299,6 +338,7 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
     fn take_in(&mut self, scan: &LaserScan, moved: &Moved) -> RbpfUpdate {
         let Self { params, seed, par, belief, beams, proposed, log_weights, .. } = self;
         let Some(weights) = belief.particles.reweigh(log_weights, *par) else {
+            belief.walk(moved);
             return self.skipped(scan, SkipReason::Unexplained);
         };
         let poses: Vec<Se2> = proposed.iter().map(|proposed| proposed.pose).collect();
@@ -318,6 +358,7 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
         (belief.pending, belief.walked, belief.drift) = (None, Se2::identity(), moved.drift);
         belief.note(scan.stamp(), Se2::identity());
         belief.since_resampling = belief.since_resampling.saturating_add(1);
+        belief.weights = weights;
         let context = ResampleContext::new(weights, poses.len(), belief.since_resampling, moved.since);
         let resampled = params.resample.is_due(&context);
         if resampled {
@@ -327,6 +368,7 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
             belief.scores = ancestors.iter().map(|&a| belief.scores[a as usize]).collect();
             belief.tree.resample(ancestors);
             belief.since_resampling = 0;
+            belief.weights = WeightSummary::uniform(poses.len());
         }
         let count = proposed.len() as f64;
         let update = RbpfUpdate {
@@ -361,11 +403,10 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
 
     fn skipped(&mut self, scan: &LaserScan, reason: SkipReason) -> RbpfUpdate {
         let belief = &mut self.belief;
-        let since = if belief.has_odometry { belief.since() } else { belief.walked };
         if !belief.steps.is_empty() {
-            belief.note(scan.stamp(), since);
+            belief.note(scan.stamp(), belief.since());
         }
-        let weights = WeightSummary::uniform(self.params.particles);
+        let weights = belief.weights;
         RbpfUpdate { skipped: Some(reason), weights, resampled: false, matched: 0, explained: 0.0 }
     }
 }
@@ -373,24 +414,28 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
 /// Part of the seed for the draws of new sets.
 const RESAMPLING: u64 = 1;
 
+/// A motion that nothing but scans speak of.
+fn standing(stamp: Stamp, motion: Se2) -> OdometryIncrement {
+    OdometryIncrement { start: stamp, end: stamp, start_from_end: motion, covariance: Matrix3::zeros() }
+}
+
 /// A motion since the last scan that was taken in.
 struct Moved {
     /// As the odometry has it; without one, as the scans have it.
     since: Se2,
     /// The same, made better by the scans.
     motion: OdometryIncrement,
-    /// Without odometry: the motion since the last scan.
+    /// The motion since the last scan, as far as that is known.
     drift: Se2,
 }
 
 /// Whether a map has room for a scan taken at a pose.
 fn check_room(map: &TileMap, beams: &Beams, pose: &Se2) -> Result<(), Error> {
-    let far = Error::OutOfRange {
-        name: "distance of a scan (m)",
-        value: pose.translation().norm(),
-        min: 0.0,
-        max: LONGEST_RUN,
-    };
-    let (low, high) = beams.cells_from(pose, map.resolution(), 1).ok_or(far)?;
+    const MARGIN: i32 = 1;
+    let reach = beams.reach / map.resolution() + f64::from(MARGIN) + 1.0;
+    check::in_range("reach of a scan (cells)", reach, 0.0, FARTHEST)?;
+    let value = pose.translation().amax() / map.resolution() + reach;
+    let far = Error::OutOfRange { name: "distance of a scan (cells)", value, min: 0.0, max: FAR };
+    let (low, high) = beams.cells_from(pose, map.resolution(), MARGIN).ok_or(far)?;
     map.check_room(&TileRect::of_cells(low, high))
 }

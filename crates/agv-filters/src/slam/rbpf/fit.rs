@@ -8,7 +8,7 @@
 //! H = b/n Σ (c / (c + s))² JᵀJ / σ²  +  Ω             J = nᵀ R [ I | (-p_y, p_x)ᵀ ]
 //! ```
 //!
-//! minus the logarithm of the posterior up to a constant: `b` of the `n` beams count as independent, `Ω` is the information of the
+//! minus the logarithm of the posterior up to a constant: `b ≤ n` of the `n` beams count as independent, `Ω` is the information of the
 //! motion model. The kernel is that of Geman and `McClure`; a beam that meets nothing costs `c`.
 
 use super::{
@@ -54,7 +54,7 @@ pub(super) struct Sums {
 
 impl Fit<'_> {
     fn scale(&self) -> f64 {
-        self.params.independent_beams / self.points.len().max(1) as f64
+        (self.params.independent_beams / self.points.len().max(1) as f64).min(1.0)
     }
 
     /// The surface that a beam meets, and the residual over twice the variance.
@@ -66,8 +66,8 @@ impl Fit<'_> {
         } else {
             surface.normal.dot(&surface.off).powi(2)
         };
-        let variance = self.params.sigma / self.resolution;
-        Some((surface, residual / (2.0 * variance * variance)))
+        let sigma = self.params.sigma / self.resolution;
+        Some((surface, residual / (2.0 * sigma * sigma)))
     }
 
     /// Cost of the scan and of the motion at a pose.

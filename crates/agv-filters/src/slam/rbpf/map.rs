@@ -195,7 +195,7 @@ impl TileMap {
         Ok(states)
     }
 
-    /// Calls `visit(address, bytes)` for the tables and tiles of the map.
+    /// Calls `visit(address, bytes)` for the tables and tiles of the map; it tells whether to visit what hangs in that table.
     pub(super) fn for_each_part(&self, mut visit: impl FnMut(usize, usize) -> bool) {
         let sheet = &*self.sheet;
         if !visit(Arc::as_ptr(&self.sheet).addr(), size_of::<Sheet>() + sheet.regions.len() * size_of::<usize>()) {

@@ -40,7 +40,7 @@ pub struct ScanFitParams {
     pub sigma: f64,
     /// Most that a beam may cost, as minus the logarithm of its likelihood: that of one that meets nothing.
     pub outlier: f64,
-    /// As many independent beams a scan is worth where it places the particle: neighbouring beams err together.
+    /// As many independent beams a scan is worth where it places the particle, if it has as many: neighbouring beams err together.
     pub independent_beams: f64,
     /// Exponent on the likelihood where particles are weighed against each other, at most one: the reciprocal of `GMapping`'s gain.
     pub weight_exponent: f64,

@@ -222,6 +222,11 @@ mod tests {
         assert!(!proposed.matched && proposed.explained == 0.0 && proposed.pose == elsewhere);
         let cost = params.weight_exponent * params.independent_beams * params.outlier;
         assert!((proposed.log_weight + cost).abs() < 1e-9);
+        // A scan of few beams is worth no more than these.
+        let mut few = beams.clone();
+        few.points.truncate(30);
+        let proposed = propose(&empty, &Se2::default(), &motion(), &few, &params, |_, _| elsewhere, &mut stream);
+        assert!((proposed.log_weight + params.weight_exponent * 30.0 * params.outlier).abs() < 1e-9);
         // Far beyond what cells count.
         let far = Se2::new(1e12, 0.0, 0.0);
         let proposed = propose(&empty, &far, &motion(), &beams, &params, |_, _| elsewhere, &mut stream);

@@ -22,11 +22,7 @@ impl<M> Rbpf<M> {
     /// The base in the map now, by the best particle and what the odometry said since the last scan that was taken in.
     pub fn map_from_base(&self) -> Se2 {
         let pose = self.belief.particles.states().get(self.best()).copied().unwrap_or_default();
-        pose * self.since()
-    }
-
-    fn since(&self) -> Se2 {
-        if self.belief.has_odometry { self.belief.since() } else { self.belief.walked }
+        pose * self.belief.since()
     }
 
     /// Mean and covariance of the particles after the last scan that was taken in, in the frame of the map.
@@ -100,7 +96,8 @@ impl<M> Rbpf<M> {
         Grid::new(layout, sums.values().iter().map(state).collect())
     }
 
-    /// Bytes of all maps and trajectories; what is shared counts once.
+    /// Bytes of all maps and trajectories; what is shared counts once. Without the particles' poses, and the few scans and the target that
+    /// [scan odometry](super::RbpfParams::scan_odometry) keeps.
     pub fn memory_bytes(&self) -> usize {
         let (mut known, mut bytes) = (HashSet::new(), self.belief.tree.bytes());
         for map in &self.belief.maps {

@@ -1,7 +1,7 @@
 //! On simulated drives whose truth is known.
 
 use super::{Rbpf, RbpfParams, RbpfUpdate, ScanFitParams};
-use crate::particle::{DifferentialOdometryModel, MotionThreshold, OdometryNoise};
+use crate::particle::{DifferentialOdometryModel, MotionThreshold, OdometryNoise, WeightSummary};
 use agv_core::{
     compute::{Par, Seed},
     geometry::{LieGroup, Se2, Twist2},
@@ -151,6 +151,16 @@ fn a_loop_closes_and_the_map_is_that_of_the_world() {
     let taken: Vec<_> = updates.iter().filter(|update| update.skipped.is_none()).collect();
     assert!(taken.len() > 60 && updates.len() - taken.len() > 60, "{}", taken.len());
     assert!(taken.iter().all(|update| update.matched == 12 && update.explained > 0.5));
+    // Scans that are not taken in leave the weights as they are.
+    let (uniform, mut weights) = (WeightSummary::uniform(12), WeightSummary::uniform(12));
+    for update in &updates {
+        if update.skipped.is_some() {
+            assert_eq!(update.weights, weights);
+        } else {
+            weights = if update.resampled { uniform } else { update.weights };
+        }
+    }
+    assert_ne!(weights, uniform, "the last scans prove nothing");
     // Surfaces of the map lie on walls, and the block's inside is unknown.
     let (map, walls) = (slam.best_map().states(&OccupancyThresholds::default()).unwrap(), walls(&steps));
     let fused = slam.fused_map(&OccupancyThresholds::default()).unwrap();
@@ -251,6 +261,16 @@ mod stored {
             assert!(refused, "{path}");
             assert!(serde_json::to_value(slam.checkpoint()).unwrap() == stored, "{path}");
         }
+        // Far off all together: as wide as before, where cells are not counted any more.
+        let mut damaged = stored.clone();
+        for sheet in damaged["sheets"].as_array_mut().unwrap() {
+            for tile in sheet.as_array_mut().unwrap() {
+                let x = tile[0][0].as_i64().unwrap();
+                tile[0][0] = (x + i64::from(i32::MAX) - 1000).into();
+            }
+        }
+        let damaged: RbpfCheckpoint = serde_json::from_value(damaged).unwrap();
+        assert!(slam.restore(&damaged).unwrap_err().to_string().contains("place of a tile"));
         // One without any scan is fine.
         let fresh = filter(4).checkpoint();
         slam.restore(&fresh).unwrap();
@@ -282,6 +302,29 @@ fn scans_alone_do() {
     // 21 m, of which half a circle in turns.
     assert!(worst < 0.4, "{worst}");
     assert_eq!(slam.trajectory()[3].0, Stamp::from_seconds(1e6 - 3.0));
+}
+
+/// Wheels that say something for a part of the way only.
+#[test]
+fn odometry_may_begin_late_and_end_early() {
+    let steps = drive(laser(181, 1.5 * PI), 150, 0.5);
+    let mut slam = filter(8);
+    let mut has_begun = false;
+    for (i, step) in steps.iter().enumerate() {
+        if (40..90).contains(&i) && (has_begun || slam.belief.walked.x() > 0.05) {
+            if !has_begun {
+                let before = slam.map_from_base();
+                slam.predict(&odometry(Se2::default())).unwrap();
+                let jump = before.between(&slam.map_from_base()).translation().norm();
+                assert!(jump < 1e-9, "{jump}");
+            }
+            has_begun = true;
+            slam.predict(&odometry(step.wheels)).unwrap();
+        }
+        slam.update(&step.scan).unwrap();
+    }
+    let end = slam.map_from_base().translation() - steps[0].truth.between(&steps[149].truth).translation();
+    assert!(has_begun && end.norm() < 0.4, "{end}");
 }
 
 /// What all particles have seen alike is there once.
@@ -355,6 +398,8 @@ fn bad_input_is_named_and_changes_nothing() {
         assert!(slam.predict(&odometry(motion)).is_err());
     }
     let vague = OdometryIncrement { covariance: Matrix3::from_element(f64::NAN), ..odometry(Se2::default()) };
+    let indefinite = OdometryIncrement { covariance: Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 1.0)), ..vague };
+    assert!(slam.predict(&indefinite).is_err());
     assert!(slam.predict(&vague).is_err() && slam.reset(Se2::new(f64::NAN, 0.0, 0.0)).is_err());
     // A laser on a boom of a thousand kilometres.
     let boom = ScanGeometry { base_from_sensor: Se2::new(1e6, 0.0, 0.0), ..*steps[0].scan.geometry() };

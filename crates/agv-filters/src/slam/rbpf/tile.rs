@@ -2,7 +2,7 @@
 //!
 //! A cell counts the beams that passed; a cell in which beams ended counts these too, and keeps the mean of the ends: a surface to a
 //! fraction of a cell, as `GMapping` has it, and its normal, which [`insert`](super::insert) fits to the neighbours. Few cells have any
-//! end, so that these are kept apart, in the order of the cells, and found by counting bits: a tile takes 2.3 kB and 12 bytes for each
+//! end, so that these are kept apart, in the order of the cells, and found by counting bits: a tile takes 2.3 kB and 10 bytes for each
 //! of them. Another bit per cell says where surfaces are, so that a look around a place costs a few words and not dozens of cells.
 
 use nalgebra::Vector2;

@@ -13,6 +13,9 @@ use nalgebra::Vector2;
 pub(super) const AROUND: i32 = 3;
 const SIDE: u32 = 2 * AROUND as u32 + 1;
 
+/// Cells from the origin beyond which no map has any.
+const FARTHEST_PLACE: f64 = 1e9;
+
 /// A surface near a place, in cells.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Surface {
@@ -68,7 +71,7 @@ impl<'a> View<'a> {
         if column < 0 || column >= self.width || row < 0 {
             return None;
         }
-        *self.tiles.get((row * self.width + column) as usize)?
+        *self.tiles.get(row as usize * self.width as usize + column as usize)?
     }
 
     /// Bits of the surfaces around a cell, row by row from the lower-left.
@@ -90,6 +93,10 @@ impl<'a> View<'a> {
     /// The surface nearest to a place in cells, among those of the cells around.
     #[inline]
     pub(super) fn nearest(&self, place: &Vector2<f64>) -> Option<Surface> {
+        // So that coordinates around it are numbers too.
+        if place.amax() > FARTHEST_PLACE {
+            return None;
+        }
         let (x, y) = (place.x.floor() as i32, place.y.floor() as i32);
         let bits = self.bits(x, y);
         if bits == 0 {
