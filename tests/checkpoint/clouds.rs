@@ -54,20 +54,21 @@ fn maps_come_back_and_go_on() {
     );
 }
 
-/// A corner of a hall, seen from a place along x.
-fn corner(x: f32, n: u16) -> PointCloud {
-    let sheets = [|a, b| [a, b, 0.0], |a, b| [a, -1.0, b], |a: f32, b: f32| [8.0, a, b]];
-    let step = 8.0 / f32::from(n);
-    let points = (0..n * n)
-        .flat_map(move |i| sheets.map(|sheet| Vector3::from(sheet(f32::from(i % n) * step, f32::from(i / n) * step))));
-    PointCloud::from_points(points.map(move |p| p - Vector3::new(x, 0.0, 0.0)))
+/// A corner of a hall, seen from a place along x, by so many points on each of three sheets; evenly spread, and on no lattice.
+fn corner(x: f64, count: u32) -> PointCloud {
+    let sheets = [|a, b| [a, b, 0.3], |a, b| [a, -1.3, b], |a: f64, b: f64| [8.3, a, b]];
+    let spread = |i: u32, step: f64| 8.0 * (f64::from(i) * step).fract();
+    let points = (0..count).flat_map(move |i| {
+        sheets.map(|sheet| Vector3::from(sheet(spread(i, 0.754_877_666_246_7), spread(i, 0.569_840_290_998_1))))
+    });
+    PointCloud::from_points(points.map(move |p| (p - Vector3::new(x, 0.0, 0.0)).cast::<f32>()))
 }
 
 #[test]
 fn a_resumed_ndt_localizer_continues_with_the_same_bits() {
     let params = NdtLocalizerParams::default();
     let mut map = NdtMap::new(params.ndt.voxels).unwrap();
-    map.insert(&corner(0.0, 80), &Se3::default());
+    map.insert(&corner(0.0, 6400), &Se3::default());
     let mut localizer = NdtLocalizer::new(&map, params).unwrap();
     localizer.initialize(&PoseBelief::around(Se3::default(), Matrix6::identity() * 1e-4).unwrap()).unwrap();
     let go_on = |localizer: &mut NdtLocalizer, steps: std::ops::Range<u32>| {
@@ -77,8 +78,8 @@ fn a_resumed_ndt_localizer_continues_with_the_same_bits() {
             };
             let ((start, a), (end, b)) = (at(step), at(step + 1));
             localizer.predict(&MotionIncrement::between(start, &a, end, &b).unwrap()).unwrap();
-            let outcome = localizer.update(&corner(0.1 * (step + 1) as f32, 40).with_stamp(end)).unwrap();
-            assert!(matches!(outcome, UpdateOutcome::Applied(_)), "{outcome:?}");
+            let outcome = localizer.update(&corner(0.1 * f64::from(step + 1), 1600).with_stamp(end)).unwrap();
+            assert!(matches!(outcome, UpdateOutcome::Applied(_)), "{step} {outcome:?}");
         }
     };
     go_on(&mut localizer, 0..4);

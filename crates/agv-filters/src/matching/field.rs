@@ -17,7 +17,7 @@
 use super::{
     CorrelativeParams,
     correlative::held,
-    refine::{NEARLY_AT_REST, sum_up},
+    refine::sum_up,
     target::{REACH, Squares, Target, nearest_points, thin_into},
 };
 use agv_core::{
@@ -127,6 +127,9 @@ const MAX_CELLS: f64 = (1_u64 << 26) as f64;
 /// Steps below this share of a cell are the end.
 const AT_REST: f64 = 1e-3;
 
+/// Refused steps below this share of a cell are the end: interpolated fields bend at the centres of cells.
+const AT_A_BEND: f64 = 0.25;
+
 /// Sums over the points at a pose.
 struct Sums {
     hessian: Matrix3<f64>,
@@ -210,7 +213,7 @@ impl FieldMatcher {
             }
             let length = step.amax() * share;
             let Some((next, there)) = best else {
-                let is_near = length <= NEARLY_AT_REST * resolution;
+                let is_near = length <= AT_A_BEND * resolution;
                 return (pose, if is_near { Termination::Converged } else { Termination::Stalled }, iteration + 1);
             };
             (pose, here) = (next, there);
