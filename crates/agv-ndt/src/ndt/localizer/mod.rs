@@ -344,12 +344,11 @@ impl Localizer for NdtLocalizer {
 
     /// Replaces the belief; one in [`PoseBelief::Anywhere`] needs a map that shows its floor, or places, and a search.
     fn initialize(&mut self, belief: &PoseBelief<Se3>) -> Result<(), LocalizationError> {
-        let (pose, anywhere) = match belief {
-            PoseBelief::Around(pose) => (*pose, false),
-            _ => {
-                check::at_least("search", usize::from(self.params.search.is_some()), 1)?;
-                (spread_over(&self.places)?, true)
-            }
+        let (pose, anywhere) = if let PoseBelief::Around(pose) = belief {
+            (*pose, false)
+        } else {
+            check::at_least("search", usize::from(self.params.search.is_some()), 1)?;
+            (spread_over(&self.places)?, true)
         };
         self.monitor.initialized(&pose);
         self.alignment = None;

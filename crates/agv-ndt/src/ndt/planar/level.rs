@@ -62,7 +62,7 @@ impl Level {
         let (low, high) = (corner(f64::min, f64::INFINITY), corner(f64::max, f64::NEG_INFINITY));
         let (width, height) = ((high.x - low.x) / edge + 3.0, (high.y - low.y) / edge + 3.0);
         let cells = width * height;
-        if !(cells <= MOST_CELLS as f64) {
+        if cells.is_nan() || cells > MOST_CELLS as f64 {
             let (name, max) = ("cells of the target", MOST_CELLS);
             return Err(agv_core::Error::TooMany { name, len: cells as usize, max }.into());
         }
