@@ -6,7 +6,7 @@ use agv_core::{
     compute::Seed,
     geometry::{LieGroup, Se2, Se3},
     metrics::chi_square_quantile,
-    nalgebra::{DMatrix, DVector, Matrix3, Matrix6, Vector3, Vector6},
+    nalgebra::{DMatrix, DVector, Matrix3, Vector3, Vector6},
     solve::RobustKernel,
 };
 use agv_filters::graph::{PoseGraph, PoseGraphSolver, PoseGraphSolverParams, PoseId, Prior, Relation, RigidMotion};
@@ -335,7 +335,7 @@ fn stored_graphs_are_checked_and_go_on_bit_by_bit() {
     let (_, mut graph) =
         rounds(2, &Se3::exp(&Vector6::new(1.0, 0.0, 0.0, 0.0, 0.0, 0.4)), 40, 15, &Vector6::repeat(0.02));
     graph.hold(PoseId(3)).unwrap();
-    graph.add_prior(Prior::new(PoseId(5), graph.poses()[5], Matrix6::identity())).unwrap();
+    graph.add_prior(Prior::new(PoseId(5), graph.poses()[5], nalgebra::Matrix6::identity())).unwrap();
     let text = serde_json::to_string(&graph).unwrap();
     let mut again: PoseGraph<Se3> = serde_json::from_str(&text).unwrap();
     assert_eq!(again, graph);
