@@ -170,16 +170,8 @@ impl NdtRegistration {
 
     /// How far from the optimum a level may stop: the next one walks on. The finest has the caller's word.
     fn descent(&self, doublings: usize) -> DescentParams {
-        let (descent, edge) = (self.params.descent, self.levels[doublings].edge);
-        if doublings == 0 {
-            return descent;
-        }
-        DescentParams {
-            translation_tolerance: descent.translation_tolerance.max(0.005 * edge),
-            rotation_tolerance: descent.rotation_tolerance.max(0.001 * edge),
-            max_translation: descent.max_translation.max(0.25 * edge),
-            ..descent
-        }
+        let descent = self.params.descent;
+        if doublings == 0 { descent } else { descent.coarse(self.levels[doublings].edge) }
     }
 
     /// The cost on a level, looked around for from `pose`.
