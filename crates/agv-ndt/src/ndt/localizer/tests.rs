@@ -3,7 +3,9 @@ use crate::scenes::{CORRIDOR, ROOM, cloud, scatter, sheets};
 use agv_core::{
     compute::Seed,
     geometry::{Se2, So3, Twist2, Twist3},
-    roles::{Doubt, Termination, laws},
+    roles::{Correct, Doubt, SkipReason, Termination, UpdateOutcome, laws},
+    sensors::SensorId,
+    time::Stamp,
 };
 use agv_sim::{Factory, FactoryParams, Lidar, LidarParams, OdometryErrors, Simulator3d, Vehicle, VehicleParams};
 use nalgebra::{Vector3, Vector6};
