@@ -47,9 +47,10 @@ impl Method {
                 let params = FollowParams::for_distributions();
                 Box::new(Follow::new(NdtRegistration::new(NdtParams::default())?.with_parallelism(par), params)?)
             }
-            Self::Gicp => {
-                Box::new(Follow::new(PointRegistration::new(PointParams::default())?.with_parallelism(par), FollowParams::default())?)
-            }
+            Self::Gicp => Box::new(Follow::new(
+                PointRegistration::new(PointParams::default())?.with_parallelism(par),
+                FollowParams::default(),
+            )?),
             Self::Loam => {
                 let target = match args.target {
                     Target::Last => LoamTarget::LastCloud,

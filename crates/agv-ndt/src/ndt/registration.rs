@@ -1,5 +1,8 @@
 //! Registration by the normal distributions transform: point to distribution, coarse to fine.
 
+mod glance;
+mod growth;
+
 use super::fit::Fit;
 use super::gaussian::VoxelParams;
 use super::level::Level;
@@ -141,20 +144,6 @@ impl NdtRegistration {
         self.spare.clear();
         self.spare.merge(map)?;
         self.take_spare()
-    }
-
-    /// What the coarsest level says of a source at each of many poses, without a search: its score per point.
-    pub(super) fn glance(&mut self, source: &dyn PointSource, poses: &[Se3], scores: &mut Vec<f64>) {
-        self.source.refill(source);
-        scores.clear();
-        let coarsest = self.levels.len() - 1;
-        let Some(first) = poses.first() else { return };
-        let mut objective = self.objective(coarsest, first);
-        for pose in poses {
-            objective.prepare(pose);
-            let cost = objective.evaluate(pose).cost;
-            scores.push(-cost / objective.source.len().max(1) as f64);
-        }
     }
 
     fn take_spare(&mut self) -> Result<(), Error> {

@@ -12,8 +12,12 @@
 //!
 //! The covariance of a match is not the inverse Hessian: neighbouring points share the errors of the cells that they meet, so only a
 //! share of them counts, and no match is better than a floor. Along directions that the cloud does not fix, as along a corridor, the
-//! match has no information: the estimate follows the odometry there, and its variance grows. Those directions are known to a milliradian
-//! or so: a variance of metres along them is taken for smaller than it is after some clouds.
+//! match has no information: the estimate follows the odometry there, and its variance grows.
+//!
+//! That has a limit. Each cloud knows those directions to a milliradian or so, and what it says across them to 1.5 mm at best
+//! ([`floor`](NdtLocalizerParams::floor)): a deviation along them beyond the ratio of the two, 1.5 m, is seen, wrongly, in what is
+//! across. Clouds that follow each other take a standard deviation of metres for smaller than it is. Read one of more than a metre as
+//! "not known".
 
 #[cfg(feature = "serde")]
 mod checkpoint;
@@ -152,6 +156,21 @@ impl NdtLocalizer {
     /// As [`new`](Self::new); the last map is then still there.
     pub fn set_map(&mut self, map: &NdtMap) -> Result<(), Error> {
         self.ndt.set_map(map)
+    }
+
+    /// Adds the last cloud to the map as [`straightened`](Self::straightened) has it, taken from `map_from_base`, and says how many
+    /// points that are; belief and places stay. Linear in the points of the cloud, however large the map is.
+    ///
+    /// # Errors
+    /// A pose that is not finite; the map is then as it was.
+    pub fn insert_straightened(&mut self, map_from_base: &Se3) -> Result<usize, Error> {
+        self.ndt.insert(&self.straight, &map_from_base.compose(&self.straight.base_from_sensor()))
+    }
+
+    /// The map, with all else given up.
+    #[must_use]
+    pub fn into_map(self) -> NdtMap {
+        self.ndt.into_map()
     }
 
     /// The map.

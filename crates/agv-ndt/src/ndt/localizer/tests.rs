@@ -138,6 +138,22 @@ fn a_belief_that_is_wide_along_a_corridor_is_corrected_across_it() {
     }
 }
 
+/// With fewer starts than places and headings, the room's places are tried a few metres apart: the basin is as wide.
+#[test]
+fn a_search_tries_no_more_starts_than_it_may() {
+    let search = SearchParams { max_starts: 400, ..SearchParams::default() };
+    let params = NdtLocalizerParams { search: Some(search), ..NdtLocalizerParams::default() };
+    let mut localizer = NdtLocalizer::new(&map_of(&ROOM, 100.0), params).unwrap();
+    assert!(localizer.places().len() * search.headings > 1200);
+    localizer.initialize(&PoseBelief::Anywhere).unwrap();
+    let truth = at(5.0, 4.0, -1.4);
+    localizer.update(&seen(&ROOM, 12.0, 45, &truth, Stamp::from_seconds(0.0))).unwrap();
+    assert!((300..=401).contains(&localizer.search.starts()), "{}", localizer.search.starts());
+    assert!(error(&localizer, &truth).norm() < 0.02, "{}", error(&localizer, &truth));
+    let none = SearchParams { max_starts: 15, ..search };
+    assert!(NdtLocalizerParams { search: Some(none), ..params }.validate().is_err());
+}
+
 #[test]
 fn a_localizer_without_a_search_follows_alone() {
     let params = NdtLocalizerParams { search: None, ..NdtLocalizerParams::default() };
