@@ -46,9 +46,9 @@ pub struct SearchParams {
 
 impl Default for SearchParams {
     /// Places every metre and headings every 22.5°, well within the basin of the 4 m voxels that they are judged by; a twentieth of
-    /// the points for which no other place may come up. 20 000 starts are a place per square metre of a hall of 50 m x 25 m, and take half a
-    /// second of one core. 30 m is a quarter of a minute without a fix at 2 m/s; in a smaller circle the
-    /// right place may be missing, and one that looks like it be taken.
+    /// the points for which no other place may come up. 20 000 starts are a place per square metre of a hall of 50 m x 25 m. 30 m is
+    /// a quarter of a minute without a fix at 2 m/s; in a smaller circle the right place may be missing, and one that looks like it be
+    /// taken.
     fn default() -> Self {
         Self { spacing: 1.0, headings: 16, max_starts: 20_000, finalists: 32, lead: 0.05, radius: 30.0 }
     }

@@ -138,6 +138,21 @@ fn a_belief_that_is_wide_along_a_corridor_is_corrected_across_it() {
     }
 }
 
+#[test]
+fn a_map_grows_by_the_last_cloud() {
+    let (mut localizer, place) = (room(), at(0.5, 0.2, 0.4));
+    localizer.initialize(&around(place, 0.05)).unwrap();
+    let mount = Se3::from_parts(Vector3::new(0.3, 0.0, 0.5), So3::from_roll_pitch_yaw(0.0, 0.0, 1.0));
+    let cloud = seen(&ROOM, 12.0, 7, &place.compose(&mount), Stamp::from_seconds(0.0)).with_mount(mount).unwrap();
+    assert!(matches!(localizer.update(&cloud), Ok(UpdateOutcome::Applied(_))));
+    let mut expected = localizer.map().clone();
+    expected.insert(&cloud, &place.compose(&mount));
+    assert!(localizer.insert_straightened(&at(f64::NAN, 0.0, 0.0)).is_err());
+    assert_eq!(localizer.insert_straightened(&place), Ok(cloud.len()));
+    assert_eq!(localizer.map(), &expected);
+    assert_eq!(localizer.into_map(), expected);
+}
+
 /// With fewer starts than places and headings, the room's places are tried a few metres apart: the basin is as wide.
 #[test]
 fn a_search_tries_no_more_starts_than_it_may() {
