@@ -125,13 +125,13 @@ impl Tracker {
         let sigma = state.sigma().max(LEAST_SIGMA);
         let mut found = search.matcher.track(&predicted, sigma)?;
         if !found.is_clear && tells && search.matcher.has_map() {
-            found = search.again(found, (&origin, &predicted), sigma, self.initial_sigma, velocity(&origin))?;
+            found = search.again(&found, (&origin, &predicted), sigma, self.initial_sigma, velocity(&origin))?;
         }
         if found.is_usable {
             found.hold(&predicted);
             let after = velocity(&found.alignment.target_from_source);
             found =
-                search.straighten(found, after, &predicted, |before, after| is_skewed(before, after, sweep, range))?;
+                search.straighten(&found, after, &predicted, |before, after| is_skewed(before, after, sweep, range))?;
         }
         let pose = if found.is_usable { found.alignment.target_from_source } else { predicted };
         let misses = if found.is_usable { 0 } else { self.misses + usize::from(tells) };
@@ -173,13 +173,13 @@ impl<M: Matcher> Search<'_, M> {
     /// The best of what was found and of further tries: the prediction may be worse than it has been, or what is wrong.
     fn again(
         &mut self,
-        first: Tracked,
+        first: &Tracked,
         (origin, predicted): (&Se3, &Se3),
         sigma: f64,
         initial_sigma: f64,
         still: Option<Vector6<f64>>,
     ) -> Result<Tracked, AlignmentError> {
-        let (mut found, wide) = (first, sigma.max(initial_sigma));
+        let (mut found, wide) = (*first, sigma.max(initial_sigma));
         if sigma < wide {
             let other = self.matcher.track(predicted, wide)?;
             if other.beats(&found) {
@@ -204,14 +204,14 @@ impl<M: Matcher> Search<'_, M> {
     /// velocity's skew would spoil the next velocity by half of that, to and fro.
     fn straighten(
         &mut self,
-        found: Tracked,
+        found: &Tracked,
         velocity: Option<Vector6<f64>>,
         predicted: &Se3,
         is_skewed: impl Fn(&Vector6<f64>, &Vector6<f64>) -> bool,
     ) -> Result<Tracked, AlignmentError> {
-        let (Some(before), Some(after)) = (self.skew, velocity) else { return Ok(found) };
+        let (Some(before), Some(after)) = (self.skew, velocity) else { return Ok(*found) };
         if !is_skewed(&before, &after) {
-            return Ok(found);
+            return Ok(*found);
         }
         self.skew_by(velocity)?;
         let mut again = self.matcher.track(&found.alignment.target_from_source, LEAST_SIGMA)?;
@@ -220,7 +220,7 @@ impl<M: Matcher> Search<'_, M> {
             return Ok(again);
         }
         self.skew_by(Some(before))?;
-        Ok(found)
+        Ok(*found)
     }
 }
 
