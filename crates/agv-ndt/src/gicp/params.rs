@@ -36,8 +36,8 @@ pub struct PointParams {
     /// When to stop.
     pub descent: DescentParams,
     /// Scale of the robust kernel of the last steps, in metres along a normal: pairs that are well beyond it count for nothing then.
-    /// Infinite for squares to the end.
-    pub kernel: f64,
+    /// None for squares to the end.
+    pub kernel: Option<f64>,
     /// Distance up to which a pair is an inlier, in metres: from the target's plane, or from the source's where the metric is
     /// [`Voxelized`](PointMetric::Voxelized); between the points where that has no normal.
     pub inlier_distance: f64,
@@ -58,7 +58,7 @@ impl Default for PointParams {
             normals: NormalParams::default(),
             freedom: Freedom::Full,
             descent: DescentParams::default(),
-            kernel: 0.1,
+            kernel: Some(0.1),
             inlier_distance: 0.1,
             min_inlier_ratio: 0.5,
             min_facing_share: 0.01,
@@ -68,9 +68,9 @@ impl Default for PointParams {
 
 impl PointParams {
     /// Square of the kernel's scale in units of the metric: variances along a normal are those of one plane, or of two.
-    pub(super) fn kernel_square(&self) -> f64 {
+    pub(super) fn kernel_square(&self) -> Option<f64> {
         let planes = if self.metric == PointMetric::PointToPlane { 1.0 } else { 2.0 };
-        self.kernel * self.kernel / (planes * FLATNESS)
+        self.kernel.map(|kernel| kernel * kernel / (planes * FLATNESS))
     }
 
     pub(super) fn validate(&self) -> Result<(), Error> {
@@ -78,8 +78,8 @@ impl PointParams {
         self.descent.validate()?;
         check::positive("max_distance", f64::from(self.max_distance))?;
         check::in_range("resolution", self.resolution, 0.01, 1000.0)?;
-        if self.kernel != f64::INFINITY {
-            check::positive("kernel", self.kernel)?;
+        if let Some(kernel) = self.kernel {
+            check::positive("kernel", kernel)?;
         }
         check::positive("inlier_distance", self.inlier_distance)?;
         check::in_range("min_inlier_ratio", self.min_inlier_ratio, 0.0, 1.0)?;

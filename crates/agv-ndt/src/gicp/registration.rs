@@ -84,10 +84,10 @@ impl PointRegistration {
 
     /// By squares, which see far, and from where that comes to rest by the kernel.
     fn descend(&self, objective: &mut PairObjective<'_>, guess: &Se3, free: &Matrix6<f64>) -> Descent {
-        let (descent, kernel) = (&self.params.descent, self.params.kernel_square());
-        if kernel == f64::INFINITY {
+        let descent = &self.params.descent;
+        let Some(kernel) = self.params.kernel_square() else {
             return Optimizer::GaussNewton.minimize(objective, descent, guess, free);
-        }
+        };
         let far = Optimizer::GaussNewton.minimize(objective, &descent.coarse(NEAR), guess, free);
         if far.termination != Termination::Converged || !far.pose.is_finite() {
             return far;

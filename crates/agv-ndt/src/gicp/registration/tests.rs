@@ -87,12 +87,12 @@ fn what_the_target_did_not_see_does_not_draw_the_pose() {
     seen.extend(sheets(&screen, 12.0, 3));
     let source = cloud(&seen, &truth());
     for metric in [PointMetric::PointToPlane, PointMetric::Generalized] {
-        let off = |kernel: f64| {
+        let off = |kernel: Option<f64>| {
             let mut icp = PointRegistration::new(PointParams { metric, kernel, ..PointParams::default() }).unwrap();
             icp.set_target(&target).unwrap();
             icp.align(&source, &Se3::identity()).unwrap().target_from_source.minus(&truth()).fixed_rows::<3>(0).norm()
         };
-        let (squares, robust) = (off(f64::INFINITY), off(PointParams::default().kernel));
+        let (squares, robust) = (off(None), off(PointParams::default().kernel));
         assert!(squares > 0.05 && robust < 0.01, "{metric:?}: {squares} {robust}");
     }
 }
@@ -151,8 +151,8 @@ fn bad_parameters_are_named() {
         PointParams { max_distance: 0.0, ..good },
         PointParams { max_distance: f32::NAN, ..good },
         PointParams { resolution: 0.0, ..good },
-        PointParams { kernel: 0.0, ..good },
-        PointParams { kernel: f64::NAN, ..good },
+        PointParams { kernel: Some(0.0), ..good },
+        PointParams { kernel: Some(f64::NAN), ..good },
         PointParams { inlier_distance: -1.0, ..good },
         PointParams { min_inlier_ratio: 2.0, ..good },
         PointParams { min_facing_share: 0.0, ..good },
