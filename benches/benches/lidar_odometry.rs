@@ -62,7 +62,7 @@ fn methods() -> Vec<Method> {
         Box::new(loam.with_parallelism(Par::threads(threads)))
     };
     let ndt = || -> Box<dyn LidarOdometry> {
-        let params = FollowParams { source_leaf: 0.25, map_leaf: 0.1, ..FollowParams::default() };
+        let params = FollowParams::for_distributions();
         Box::new(Follow::new(NdtRegistration::new(NdtParams::default()).expect("valid"), params).expect("valid"))
     };
     let gicp = || -> Box<dyn LidarOdometry> {

@@ -42,16 +42,15 @@ impl Method {
 
     pub(crate) fn build(self, args: &Args) -> Result<Box<dyn LidarOdometry>> {
         let par = args.common.par();
-        let follow = FollowParams::default();
         Ok(match self {
             Self::Ndt => {
-                // Distributions want more points than pairs of points do.
-                let params = FollowParams { source_leaf: 0.25, map_leaf: 0.1, ..follow };
+                let params = FollowParams::for_distributions();
                 Box::new(Follow::new(NdtRegistration::new(NdtParams::default())?.with_parallelism(par), params)?)
             }
-            Self::Gicp => {
-                Box::new(Follow::new(PointRegistration::new(PointParams::default())?.with_parallelism(par), follow)?)
-            }
+            Self::Gicp => Box::new(Follow::new(
+                PointRegistration::new(PointParams::default())?.with_parallelism(par),
+                FollowParams::default(),
+            )?),
             Self::Loam => {
                 let target = match args.target {
                     Target::Last => LoamTarget::LastCloud,

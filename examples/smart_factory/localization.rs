@@ -19,6 +19,8 @@ pub(crate) struct Lap {
     pub(crate) clean: Errors,
     /// Mean error of each run in the own map.
     pub(crate) runs: Vec<f64>,
+    /// Where each run ended, with its error: x and y in metres, and the heading in radians.
+    pub(crate) ends: Vec<[f64; 3]>,
 }
 
 /// Errors along the map's axes in metres, and of the heading in radians.
@@ -49,7 +51,7 @@ pub(crate) fn run(args: &Args, hall: &Hall, mapped: &Mapped, report: &mut Report
     let progress = Progress::new(args.speeds.len() * args.runs as usize, "localising");
     for &speed in &args.speeds {
         let (own, clean) = (Errors::default(), Errors::default());
-        let mut lap = Lap { speed, truths: vec![], times: vec![], own, clean, runs: vec![] };
+        let mut lap = Lap { speed, truths: vec![], times: vec![], own, clean, runs: vec![], ends: vec![] };
         for run in 0..args.runs {
             let seed = args.common.seed().derive(1000 + run);
             drive_lap(args, hall, mapped, seed, run == 0, &mut lap, &mut timings)?;
@@ -107,6 +109,8 @@ fn drive_lap(
     })?;
     let run: Vec<f64> = lap.own.distances().skip(before).collect();
     lap.runs.push(Statistics::new(run)?.mean());
+    let last = |errors: &[f64]| errors.last().copied().ok_or("a lap without clouds");
+    lap.ends.push([last(&lap.own.x)?, last(&lap.own.y)?, last(&lap.own.heading)?]);
     Ok(())
 }
 
@@ -131,6 +135,12 @@ fn summarize(laps: &[Lap], report: &mut Report) -> Result<()> {
         greatest - least
     };
     report.numbers("speed_run_spread_m", &per_lap(&spread));
+    // As somebody with a tape measure would find them at the goal.
+    for (part, name) in ["end_x_mean_m", "end_y_mean_m", "end_heading_mean_deg"].iter().enumerate() {
+        let mean = |lap: &Lap| lap.ends.iter().map(|end| end[part]).sum::<f64>() / lap.ends.len().max(1) as f64;
+        let unit = if part == 2 { 1_f64.to_degrees() } else { 1.0 };
+        report.numbers(&format!("speed_{name}"), &per_lap(&|lap| unit * mean(lap)));
+    }
     report.count("localization_skipped", laps.iter().map(|lap| lap.own.skipped + lap.clean.skipped).sum());
     Ok(())
 }

@@ -1,4 +1,4 @@
-//! What the paper's Figs 5 to 11 show.
+//! What the paper's Figs 5 to 11 show, and with more than one run its Fig. 16.
 
 use crate::{Result, localization::Lap, mapping::Mapped, navigation::Driven};
 use agv_nav::prelude::Se2;
@@ -33,6 +33,14 @@ pub(crate) fn write(out: &Path, mapped: &Mapped, laps: &[Lap], driven: &Driven) 
     }
     scene.write(out.join("localization.png"))?;
     errors.write(out.join("localization_error.svg"))?;
+    let mut ends = TimeSeries::new("Error at the end of each run", "run", "error, cm");
+    for (lap, color) in laps.iter().zip(COLORS).filter(|(lap, _)| lap.ends.len() > 1) {
+        let run = |(run, end): (usize, &[f64; 3])| ((run + 1) as f64, 100.0 * end[0].hypot(end[1]));
+        ends = ends.curve(&format!("{} m/s", lap.speed), color, lap.ends.iter().enumerate().map(run));
+    }
+    if laps.iter().any(|lap| lap.ends.len() > 1) {
+        ends.write(out.join("repeatability.svg"))?;
+    }
 
     let planned: Vec<Se2> = driven.planned.points().iter().map(|point| point.pose).collect();
     let mut scene = Scene::new("Planned by A*, driven by TEB")

@@ -103,7 +103,8 @@ pub struct Site {
 #[derive(Debug, Clone)]
 pub struct SiteMapper {
     params: SiteMapperParams,
-    map: NdtMap,
+    /// The map before the first cloud; then it is the localizer's.
+    empty: NdtMap,
     grid: CloudToGrid,
     /// Where the vehicle is before the first cloud.
     start: Se3,
@@ -123,7 +124,7 @@ impl SiteMapper {
         params.localizer.validate()?;
         let start = UncertainPose::new(map_from_base, Matrix6::zeros())?;
         Ok(Self {
-            map: NdtMap::new(params.localizer.ndt.voxels)?,
+            empty: NdtMap::new(params.localizer.ndt.voxels)?,
             grid: CloudToGrid::new(params.grid.clone())?,
             start: *start.mean(),
             localizer: None,
@@ -157,12 +158,12 @@ impl SiteMapper {
 
     /// The first cloud makes the map that the next one is matched with.
     fn begin(&mut self, cloud: &PointCloud) -> Result<SiteMapperStep, Error> {
-        let mut map = self.map.clone();
+        let mut map = self.empty.clone();
         map.insert(cloud, &self.start.compose(&cloud.base_from_sensor()));
         let mut localizer = NdtLocalizer::new(&map, NdtLocalizerParams { search: None, ..self.params.localizer })?;
         localizer.initialize(&PoseBelief::Around(UncertainPose::exact(self.start)))?;
         self.grid.insert(cloud, &self.start)?;
-        (self.map, self.localizer) = (map, Some(localizer));
+        self.localizer = Some(localizer);
         self.places.push(self.start);
         Ok(SiteMapperStep { map_from_base: self.start, mapped: true, outcome: None })
     }
@@ -183,10 +184,8 @@ impl SiteMapper {
         let mapped = way.translation().norm() >= enough * self.params.key_distance
             || way.rotation().log().norm() >= enough * self.params.key_turn;
         if mapped {
-            let cloud = localizer.straightened();
-            self.grid.insert(cloud, &here)?;
-            self.map.insert(cloud, &here.compose(&cloud.base_from_sensor()));
-            localizer.set_map(&self.map)?;
+            self.grid.insert(localizer.straightened(), &here)?;
+            localizer.insert_straightened(&here)?;
             self.places.push(here);
         }
         Ok(SiteMapperStep { map_from_base: here, mapped, outcome: Some(outcome) })
@@ -198,8 +197,8 @@ impl SiteMapper {
     }
 
     /// The map so far.
-    pub const fn map(&self) -> &NdtMap {
-        &self.map
+    pub fn map(&self) -> &NdtMap {
+        self.localizer.as_ref().map_or(&self.empty, NdtLocalizer::map)
     }
 
     /// The grid so far.
@@ -209,6 +208,7 @@ impl SiteMapper {
 
     /// The site as it was mapped.
     pub fn finish(self) -> Site {
-        Site { map: self.map, grid: self.grid.evidence().clone(), places: self.places }
+        let map = self.localizer.map_or(self.empty, NdtLocalizer::into_map);
+        Site { map, grid: self.grid.evidence().clone(), places: self.places }
     }
 }

@@ -3,6 +3,13 @@
 //! A pair with the offset `d = x - q` costs `½ dᵀ M d`. `M` is `n nᵀ / ε` with the target's normal for point to plane, and
 //! `(C_q + R C_p Rᵀ)⁻¹` for the generalized metric, where it counts as constant: `g = M d`, `H = M`. The sum is divided by the number
 //! of pairs, so that a pose is not better for having lost some.
+//!
+//! Squares have their least where wrong pairs (a point on what the target did not see) balance each other, which is elsewhere: in the end
+//! a pair counts by the kernel of Geman and `McClure`, with `e² = dᵀ M d` and its scale `k`,
+//!
+//! ```text
+//! ρ = ½ e² / (1 + e² / k²)        w = 1 / (1 + e² / k²)²        g = w M d        H = w M
+//! ```
 
 use super::params::{PointMetric, PointParams};
 use super::surface::{FLATNESS, Surface, SurfaceVoxels, flat};
@@ -19,6 +26,8 @@ pub(super) struct PairObjective<'a> {
     pub(super) voxels: &'a SurfaceVoxels,
     pub(super) source: &'a Surface,
     pub(super) params: &'a PointParams,
+    /// `k²` of the kernel; infinite for squares.
+    pub(super) kernel: f64,
     pub(super) par: Par,
 }
 
@@ -94,8 +103,16 @@ impl Objective for PairObjective<'_> {
             for index in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
                 let Some(pair) = self.pair(pose, &rotation, index) else { continue };
                 let gradient = pair.weight * pair.offset;
-                let cost = 0.5 * pair.offset.dot(&gradient);
-                sums.add(&pair.y, &PointDerivatives { cost, gradient, hessian: pair.weight, curvature: 0.0 });
+                let square = pair.offset.dot(&gradient);
+                let share = 1.0 / (1.0 + square / self.kernel);
+                let weight = share * share;
+                let point = PointDerivatives {
+                    cost: 0.5 * share * square,
+                    gradient: gradient * weight,
+                    hessian: pair.weight * weight,
+                    curvature: 0.0,
+                };
+                sums.add(&pair.y, &point);
             }
             sums
         };

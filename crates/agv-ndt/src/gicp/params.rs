@@ -1,5 +1,6 @@
 //! What a registration of points may be told.
 
+use super::surface::FLATNESS;
 use crate::preprocess::NormalParams;
 use crate::registration::{DescentParams, Freedom};
 use agv_core::{Error, check};
@@ -34,6 +35,9 @@ pub struct PointParams {
     pub freedom: Freedom,
     /// When to stop.
     pub descent: DescentParams,
+    /// Scale of the robust kernel of the last steps, in metres along a normal: pairs that are well beyond it count for nothing then.
+    /// None for squares to the end.
+    pub kernel: Option<f64>,
     /// Distance up to which a pair is an inlier, in metres: from the target's plane, or from the source's where the metric is
     /// [`Voxelized`](PointMetric::Voxelized); between the points where that has no normal.
     pub inlier_distance: f64,
@@ -44,7 +48,8 @@ pub struct PointParams {
 }
 
 impl Default for PointParams {
-    /// Generalized ICP with pairs of up to 1 m and voxels of 1 m, as `small_gicp` has them.
+    /// Generalized ICP with pairs of up to 1 m and voxels of 1 m, as `small_gicp` has them; the kernel is five times a lidar's noise, as
+    /// [`LoamParams`](crate::loam::LoamParams) has it.
     fn default() -> Self {
         Self {
             metric: PointMetric::Generalized,
@@ -53,6 +58,7 @@ impl Default for PointParams {
             normals: NormalParams::default(),
             freedom: Freedom::Full,
             descent: DescentParams::default(),
+            kernel: Some(0.1),
             inlier_distance: 0.1,
             min_inlier_ratio: 0.5,
             min_facing_share: 0.01,
@@ -61,11 +67,20 @@ impl Default for PointParams {
 }
 
 impl PointParams {
+    /// Square of the kernel's scale in units of the metric: variances along a normal are those of one plane, or of two.
+    pub(super) fn kernel_square(&self) -> Option<f64> {
+        let planes = if self.metric == PointMetric::PointToPlane { 1.0 } else { 2.0 };
+        self.kernel.map(|kernel| kernel * kernel / (planes * FLATNESS))
+    }
+
     pub(super) fn validate(&self) -> Result<(), Error> {
         self.normals.validate()?;
         self.descent.validate()?;
         check::positive("max_distance", f64::from(self.max_distance))?;
         check::in_range("resolution", self.resolution, 0.01, 1000.0)?;
+        if let Some(kernel) = self.kernel {
+            check::positive("kernel", kernel)?;
+        }
         check::positive("inlier_distance", self.inlier_distance)?;
         check::in_range("min_inlier_ratio", self.min_inlier_ratio, 0.0, 1.0)?;
         check::positive("min_facing_share", self.min_facing_share)?;

@@ -4,7 +4,7 @@ use super::objective::{PairFit, PairObjective};
 use super::params::{PointMetric, PointParams};
 use super::surface::{Surface, SurfaceVoxels};
 use crate::Error;
-use crate::registration::Optimizer;
+use crate::registration::{Descent, Optimizer};
 use agv_core::{
     check,
     compute::Par,
@@ -16,6 +16,9 @@ use nalgebra::Matrix6;
 
 /// Fewest points of a target.
 const FEWEST: usize = 4;
+
+/// Edge of the voxels as on whose level the descent by squares stops, in metres: it is at rest within a centimetre and 2 mrad.
+const NEAR: f64 = 2.0;
 
 /// Aligns clouds with a cloud by iterated closest points: to planes, between planes, or voxel by voxel.
 ///
@@ -79,11 +82,26 @@ impl PointRegistration {
         &self.params
     }
 
+    /// By squares, which see far, and from where that comes to rest by the kernel.
+    fn descend(&self, objective: &mut PairObjective<'_>, guess: &Se3, free: &Matrix6<f64>) -> Descent {
+        let descent = &self.params.descent;
+        let Some(kernel) = self.params.kernel_square() else {
+            return Optimizer::GaussNewton.minimize(objective, descent, guess, free);
+        };
+        let far = Optimizer::GaussNewton.minimize(objective, &descent.coarse(NEAR), guess, free);
+        if far.termination != Termination::Converged || !far.pose.is_finite() {
+            return far;
+        }
+        objective.kernel = kernel;
+        let near = Optimizer::GaussNewton.minimize(objective, descent, &far.pose, free);
+        Descent { iterations: far.iterations + near.iterations, ..near }
+    }
+
     fn search(&self, guess: &Se3) -> Alignment<Se3> {
         let (params, free) = (&self.params, self.params.freedom.projector(guess));
-        let mut objective =
-            PairObjective { target: &self.target, voxels: &self.voxels, source: &self.source, params, par: self.par };
-        let found = Optimizer::GaussNewton.minimize(&mut objective, &params.descent, guess, &free);
+        let Self { target, voxels, source, par, .. } = self;
+        let mut objective = PairObjective { target, voxels, source, params, kernel: f64::INFINITY, par: *par };
+        let found = self.descend(&mut objective, guess, &free);
         let mut result = Alignment::unknown(found.pose, found.termination);
         result.iterations = found.iterations;
         let matches = found.quadratic.matches;

@@ -3,6 +3,7 @@
 use super::mapping::{LocalMap, PlacedFeatures};
 use super::objective::{Match, MatchFit, MatchObjective, Selection, associate, choose};
 use super::params::{LoamParams, LoamSolve};
+use crate::odometry::Tracked;
 use crate::registration::{Descent, Freedom, Objective, Optimizer};
 use agv_core::{
     compute::Par,
@@ -18,34 +19,13 @@ const COARSE_SURFACES: usize = 800;
 const COARSE_ROUNDS: usize = 4;
 
 /// Fewest matches of a step.
-const FEWEST: usize = 10;
+pub(super) const FEWEST: usize = 10;
 
 /// Least share of the features that lie where the map has them.
 const LEAST: f64 = 0.1;
 
 /// Agreement below which a result may be a false optimum, though it is taken if nothing better is found.
 const SUSPICIOUS: f64 = 0.85;
-
-/// The pose of a cloud, and what became of its features.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Aligned {
-    pub(super) alignment: Alignment<Se3>,
-    /// Share of the matched features that lie where the map has them.
-    agreement: f64,
-}
-
-impl Aligned {
-    /// Whether there is no reason to look any further.
-    pub(super) fn is_clear(&self) -> bool {
-        self.alignment.converged() && self.agreement >= SUSPICIOUS
-    }
-
-    /// Whether this explains more of the cloud than another result.
-    pub(super) fn beats(&self, other: &Self) -> bool {
-        let rank = |of: &Self| (of.alignment.converged(), of.alignment.inlier_ratio);
-        rank(self) > rank(other)
-    }
-}
 
 /// Owner of the matches.
 #[derive(Debug, Clone)]
@@ -72,7 +52,7 @@ impl Aligner {
         guess: &Se3,
         sigma: f64,
         solve: LoamSolve,
-    ) -> Aligned {
+    ) -> Tracked {
         // The coarsest level that is needed is the first to reach three sigma.
         let reach = 3.0 * sigma;
         let coarsest =
@@ -96,7 +76,9 @@ impl Aligner {
             fit = MatchFit { unobserved: held, ..self.fit(&found.pose) };
         }
         found.iterations = iterations;
-        Aligned { alignment: self.conclude(&found, &fit, guess), agreement: fit.agreement }
+        let alignment = self.conclude(&found, &fit, guess);
+        let is_usable = alignment.converged();
+        Tracked { alignment, is_usable, is_clear: is_usable && fit.agreement >= SUSPICIOUS }
     }
 
     /// Through the coarse levels by surfaces; the pose, and the iterations that it took.

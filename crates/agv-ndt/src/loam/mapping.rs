@@ -2,7 +2,7 @@
 
 use super::features::Features;
 use crate::Error;
-use crate::odometry::PointMap;
+use crate::odometry::{PointMap, Window};
 use agv_core::{
     check,
     geometry::{LieGroup, Se3},
@@ -11,9 +11,6 @@ use nalgebra::Vector3;
 
 /// How much coarser each level of the surfaces is than the finest.
 const COARSENESS: [f64; 3] = [1.0, 4.0, 8.0];
-
-/// How far the vehicle goes before the map slides, as a share of its radius.
-const SLIDE: f64 = 0.1;
 
 /// What a local map keeps.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -46,10 +43,9 @@ impl LocalMapParams {
 /// Features around the vehicle: surfaces at three spacings, edges at one. It slides with the vehicle.
 #[derive(Debug, Clone)]
 pub struct LocalMap {
-    params: LocalMapParams,
     surfaces: [PointMap; COARSENESS.len()],
     edges: PointMap,
-    center: Vector3<f64>,
+    window: Window,
 }
 
 impl LocalMap {
@@ -61,10 +57,9 @@ impl LocalMap {
         params.validate()?;
         let surface = |level: usize| PointMap::new(params.surface_spacing * COARSENESS[level]);
         Ok(Self {
-            params,
             surfaces: [surface(0)?, surface(1)?, surface(2)?],
             edges: PointMap::new(params.edge_spacing)?,
-            center: Vector3::zeros(),
+            window: Window::new(params.radius),
         })
     }
 
@@ -86,9 +81,14 @@ impl LocalMap {
     /// The coarsest level.
     pub(super) const COARSEST: usize = COARSENESS.len() - 1;
 
+    /// Points, those of the finest surfaces and of edges.
+    pub const fn len(&self) -> usize {
+        self.surfaces[0].len() + self.edges.len()
+    }
+
     /// Whether there is nothing.
     pub const fn is_empty(&self) -> bool {
-        self.surfaces[0].is_empty() && self.edges.is_empty()
+        self.len() == 0
     }
 
     /// Forgets everything; the memory stays.
@@ -108,9 +108,7 @@ impl LocalMap {
             self.edges.insert(&map_from_base.act(place));
         }
         let here = map_from_base.translation();
-        if (here - self.center).norm() > SLIDE * self.params.radius {
-            self.center = here;
-            let radius = self.params.radius;
+        if let Some(radius) = self.window.slides(&here) {
             self.surfaces.iter_mut().for_each(|level| level.retain_around(&here, radius));
             self.edges.retain_around(&here, radius);
         }
@@ -148,9 +146,9 @@ impl PlacedFeatures {
         self.surfaces.extend(features.surfaces.iter().map(&mut place).filter(somewhere));
     }
 
-    /// Mean distance from the base, in metres.
-    pub(super) fn mean_range(&self) -> f64 {
-        let count = (self.edges.len() + self.surfaces.len()).max(1);
-        self.edges.iter().chain(&self.surfaces).map(nalgebra::Matrix::norm).sum::<f64>() / count as f64
+    /// How many there are, and their mean distance from the base, in metres.
+    pub(super) fn count_and_range(&self) -> (usize, f64) {
+        let (count, all) = (self.edges.len() + self.surfaces.len(), self.edges.iter().chain(&self.surfaces));
+        (count, all.map(nalgebra::Matrix::norm).sum::<f64>() / count.max(1) as f64)
     }
 }

@@ -43,6 +43,14 @@ struct Anchor {
     is_level: bool,
 }
 
+impl Anchor {
+    /// Square of a place's distance from the plane or line.
+    fn square(&self, place: &Vector3<f64>) -> f64 {
+        let offset = place - self.place;
+        offset.dot(&(self.fixed * offset))
+    }
+}
+
 /// Which matches count.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Selection {
@@ -136,8 +144,7 @@ impl MatchObjective<'_> {
             for item in self.chunk(chunk) {
                 let Some(anchor) = self.anchor(item) else { continue };
                 let y = rotation * item.place;
-                let d = y + pose.translation() - anchor.place;
-                let square = d.dot(&(anchor.fixed * d));
+                let square = anchor.square(&(y + pose.translation()));
                 if square <= distance * distance {
                     facing.add(&y, &anchor.fixed);
                     inliers += 1;
@@ -159,10 +166,8 @@ impl MatchObjective<'_> {
     /// Matches within `distance` metres.
     pub(super) fn inliers(&self, pose: &Se3, distance: f64) -> usize {
         let near = |item: &&Match| {
-            self.anchor(item).is_some_and(|anchor| {
-                let d = pose.act(&item.place) - anchor.place;
-                d.dot(&(anchor.fixed * d)) <= distance * distance
-            })
+            let square = |anchor: &Anchor| anchor.square(&pose.act(&item.place));
+            self.anchor(item).is_some_and(|anchor| square(anchor) <= distance * distance)
         };
         self.matches.iter().filter(near).count()
     }

@@ -1,26 +1,18 @@
 //! LOAM-style odometry.
 
-use super::aligner::{Aligned, Aligner};
+use super::aligner::{Aligner, FEWEST};
 use super::features::{FeatureExtractor, Features};
 use super::mapping::{LocalMap, PlacedFeatures};
 use super::params::{LoamParams, LoamSolve, LoamTarget};
 use crate::Error;
-use crate::odometry::{MotionPrior, is_skewed, sweep};
+use crate::odometry::{LEAST_SIGMA, Matcher, Tracked, Tracker};
 use agv_core::{
-    check,
     compute::Par,
     geometry::{LieGroup, Se3},
     roles::{AlignmentError, LidarOdometry, LidarOdometryStep},
     sensors::PointCloud,
-    time::Stamp,
 };
 use nalgebra::Vector6;
-
-/// Least deviation from the prediction that is reckoned with, in metres.
-const LEAST_SIGMA: f64 = 0.1;
-
-/// Clouds in a row that fit nowhere, after which the map is begun anew where the prediction is.
-const GIVE_UP: usize = 5;
 
 /// Follows a lidar by edges and surfaces: feature extraction, deskewing by the motion, alignment with the local map or the last cloud,
 /// in one call per cloud (Zhang and Singh, *LOAM*, 2014; Shan and Englot, *LeGO-LOAM*, 2018; paper 003).
@@ -49,6 +41,16 @@ const GIVE_UP: usize = 5;
 pub struct LoamOdometry {
     params: LoamParams,
     extractor: FeatureExtractor,
+    tracker: Tracker,
+    matcher: FeatureMatcher,
+    par: Par,
+}
+
+/// The maps, and the features that are matched with them.
+#[derive(Debug, Clone)]
+struct FeatureMatcher {
+    target: LoamTarget,
+    solve: LoamSolve,
     features: Features,
     placed: PlacedFeatures,
     aligner: Aligner,
@@ -57,10 +59,6 @@ pub struct LoamOdometry {
     last: LocalMap,
     /// Pose of the base at that time.
     last_pose: Se3,
-    prior: Option<MotionPrior>,
-    /// Clouds in a row that fitted nowhere.
-    lost: usize,
-    par: Par,
 }
 
 impl LoamOdometry {
@@ -70,16 +68,20 @@ impl LoamOdometry {
     /// A parameter out of its range, by name.
     pub fn new(params: LoamParams) -> Result<Self, Error> {
         params.validate()?;
-        Ok(Self {
-            extractor: FeatureExtractor::new(params.features)?,
+        let matcher = FeatureMatcher {
+            target: params.target,
+            solve: params.solve,
             features: Features::default(),
             placed: PlacedFeatures::default(),
             aligner: Aligner::new(params),
             map: LocalMap::new(params.map)?,
             last: LocalMap::new(params.map)?,
             last_pose: Se3::identity(),
-            prior: None,
-            lost: 0,
+        };
+        Ok(Self {
+            extractor: FeatureExtractor::new(params.features)?,
+            tracker: Tracker::new(params.initial_sigma),
+            matcher,
             par: Par::Seq,
             params,
         })
@@ -89,7 +91,7 @@ impl LoamOdometry {
     #[must_use]
     pub const fn with_parallelism(mut self, par: Par) -> Self {
         self.par = par;
-        self.aligner.spread_over(par);
+        self.matcher.aligner.spread_over(par);
         self
     }
 
@@ -100,135 +102,73 @@ impl LoamOdometry {
 
     /// The local map, in the frame of the first cloud.
     pub const fn map(&self) -> &LocalMap {
-        &self.map
+        &self.matcher.map
     }
 
     /// The features of the last cloud, in its sensor frame and as they were seen: not deskewed.
     pub const fn features(&self) -> &Features {
-        &self.features
+        &self.matcher.features
     }
 
     /// Forgets the drive; the next cloud is the first one.
     pub fn reset(&mut self) {
-        self.map.clear();
-        self.last.clear();
-        self.prior = None;
-        self.lost = 0;
+        self.matcher.forget();
+        self.tracker = Tracker::new(self.params.initial_sigma);
     }
+}
 
-    /// Puts the features where the base is at the cloud's stamp, given its velocity.
-    fn place(&mut self, cloud: &PointCloud, velocity: Option<&Vector6<f64>>) {
-        let velocity = velocity.filter(|_| cloud.time().is_some());
+impl Matcher for FeatureMatcher {
+    fn place(&mut self, cloud: &PointCloud, velocity: Option<&Vector6<f64>>) -> Result<(), AlignmentError> {
         self.placed.rebuild(&self.features, &cloud.base_from_sensor(), velocity);
+        Ok(())
     }
 
-    /// The pose of the base, which was at `origin` and moved by `motion`, give or take `sigma` metres at the features.
-    fn track(&mut self, origin: &Se3, motion: &Se3, sigma: f64) -> Aligned {
-        let Self { params, placed, aligner, map, last, last_pose, .. } = self;
-        let mut guess = origin.compose(motion);
-        let (mut sigma, mut solve) = (sigma.max(LEAST_SIGMA), params.solve);
-        if params.target != LoamTarget::LocalMap {
+    fn placed(&self) -> (usize, f64) {
+        self.placed.count_and_range()
+    }
+
+    fn has_map(&self) -> bool {
+        self.map.len().max(self.last.len()) >= FEWEST
+    }
+
+    fn track(&mut self, guess: &Se3, sigma: f64) -> Result<Tracked, AlignmentError> {
+        let Self { target, placed, aligner, map, last, last_pose, .. } = self;
+        let (mut guess, mut sigma, mut solve) = (*guess, sigma, self.solve);
+        if *target != LoamTarget::LocalMap {
             let mut found = aligner.align(placed, last, &last_pose.between(&guess), sigma, solve);
             let pose = last_pose.compose(&found.alignment.target_from_source);
             found.alignment.target_from_source = pose;
-            if params.target == LoamTarget::LastCloud {
-                return found;
+            if *target == LoamTarget::LastCloud {
+                return Ok(found);
             }
-            if found.alignment.converged() {
+            if found.is_usable {
                 (guess, sigma) = (pose, LEAST_SIGMA);
             }
             solve = LoamSolve::Joint;
         }
-        aligner.align(placed, map, &guess, sigma, solve)
+        Ok(aligner.align(placed, map, &guess, sigma, solve))
     }
 
-    /// Takes the features into the maps.
     fn remember(&mut self, pose: &Se3) {
-        match self.params.target {
-            LoamTarget::LastCloud => {}
-            LoamTarget::LocalMap => return self.map.insert(&self.placed, pose),
-            LoamTarget::LastCloudThenMap => self.map.insert(&self.placed, pose),
+        if self.target != LoamTarget::LastCloud {
+            self.map.insert(&self.placed, pose);
         }
-        self.last.clear();
-        self.last.insert(&self.placed, &Se3::identity());
-        self.last_pose = *pose;
+        if self.target != LoamTarget::LocalMap {
+            self.last.clear();
+            self.last.insert(&self.placed, &Se3::identity());
+            self.last_pose = *pose;
+        }
     }
 
-    fn begin(&mut self, cloud: &PointCloud, stamp: Stamp) -> LidarOdometryStep {
-        self.place(cloud, None);
-        self.remember(&Se3::identity());
-        self.prior = Some(MotionPrior::new(stamp, self.params.initial_sigma));
-        LidarOdometryStep { odom_from_base: Se3::identity(), alignment: None }
+    fn forget(&mut self) {
+        self.map.clear();
+        self.last.clear();
     }
 }
 
 impl LidarOdometry for LoamOdometry {
     fn process(&mut self, cloud: &PointCloud, prior: Option<&Se3>) -> Result<LidarOdometryStep, AlignmentError> {
-        if let Some(prior) = prior {
-            check::all_finite("prior", prior.translation().iter())?;
-            check::all_finite("prior", prior.rotation().matrix().iter())?;
-        }
-        self.extractor.extract_into(cloud, self.par, &mut self.features)?;
-        let stamp = cloud.stamp();
-        let Some(mut state) = self.prior else { return Ok(self.begin(cloud, stamp)) };
-        let predicted = prior.copied().unwrap_or_else(|| state.motion_until(stamp));
-        let (origin, sigma) = (state.pose(), state.sigma());
-        check::all_finite("predicted position", origin.compose(&predicted).translation().iter())?;
-        let sweep = sweep(cloud);
-        let velocity = |motion: &Se3| state.velocity(stamp, &origin.compose(motion), sweep);
-        let mut skewed = velocity(&predicted);
-        self.place(cloud, skewed.as_ref());
-        let range = self.placed.mean_range();
-        let mut found = self.track(&origin, &predicted, sigma);
-        // The prediction may be worse than it has been, or what is wrong.
-        let wide = self.params.initial_sigma.max(sigma);
-        if !found.is_clear() && sigma.max(LEAST_SIGMA) < wide {
-            let other = self.track(&origin, &predicted, wide);
-            if other.beats(&found) {
-                found = other;
-            }
-        }
-        if !found.is_clear() {
-            let still = velocity(&Se3::identity());
-            self.place(cloud, still.as_ref());
-            let other = self.track(&origin, &Se3::identity(), wide);
-            if other.beats(&found) {
-                (found, skewed) = (other, still);
-            } else {
-                self.place(cloud, skewed.as_ref());
-            }
-        }
-        let mut found = found.alignment;
-        let motion = origin.between(&found.target_from_source);
-        if let (true, Some(before), Some(after)) = (found.converged(), skewed, velocity(&motion))
-            && is_skewed(&before, &after, sweep, range)
-        {
-            self.place(cloud, Some(&after));
-            let again = self.track(&origin, &motion, LEAST_SIGMA).alignment;
-            if again.converged() {
-                found = again;
-            } else {
-                self.place(cloud, Some(&before));
-            }
-        }
-        let pose = if found.converged() { found.target_from_source } else { origin.compose(&predicted) };
-        if found.converged() {
-            state.learn(&origin.compose(&predicted), &pose, range);
-            self.lost = 0;
-        } else {
-            self.place(cloud, velocity(&predicted).as_ref());
-            self.lost += 1;
-            if self.lost >= GIVE_UP {
-                self.map.clear();
-                self.last.clear();
-                self.lost = 0;
-            }
-        }
-        if found.converged() || (self.map.is_empty() && self.last.is_empty()) {
-            self.remember(&pose);
-        }
-        state.advance(stamp, &pose);
-        self.prior = Some(state);
-        Ok(LidarOdometryStep { odom_from_base: pose, alignment: Some(found) })
+        self.extractor.extract_into(cloud, self.par, &mut self.matcher.features)?;
+        self.tracker.step(&mut self.matcher, cloud, prior)
     }
 }

@@ -24,6 +24,7 @@ pub(crate) struct Level {
     merged: CellTable,
     cells: Vec<[i32; 3]>,
     sums: Vec<WideSums>,
+    touched: Vec<u32>,
 }
 
 impl Level {
@@ -37,13 +38,42 @@ impl Level {
         self.voxels.clear();
         if doublings == 0 {
             for (cell, sums) in map.voxels() {
-                push(&mut self.table, &mut self.voxels, cell, map.distribution(sums.count(), || sums.moments(), unit));
+                put(&mut self.table, &mut self.voxels, cell, map.distribution(sums.count(), || sums.moments(), unit));
             }
             return;
         }
         self.merged.clear();
         self.cells.clear();
         self.sums.clear();
+        self.merge(map, doublings);
+        for (cell, sums) in self.cells.iter().zip(&self.sums) {
+            put(&mut self.table, &mut self.voxels, *cell, map.distribution(sums.count(), || sums.moments(), unit));
+        }
+    }
+
+    /// Takes what a map has gained by another that was merged into it, where `rebuild` has taken the rest: linear in the voxels of
+    /// `added`, and the same to the bit as all anew, but for the order of the list.
+    pub(crate) fn update(&mut self, map: &NdtMap, added: &NdtMap, doublings: u32) {
+        let unit = map.params().resolution;
+        if doublings == 0 {
+            for (cell, sums) in added.voxels().filter_map(|(cell, _)| Some((cell, map.sums(cell)?))) {
+                put(&mut self.table, &mut self.voxels, cell, map.distribution(sums.count(), || sums.moments(), unit));
+            }
+            return;
+        }
+        self.merge(added, doublings);
+        self.touched.sort_unstable();
+        self.touched.dedup();
+        for &index in &self.touched {
+            // They are places in both lists.
+            let (cell, sums) = (self.cells[index as usize], &self.sums[index as usize]);
+            put(&mut self.table, &mut self.voxels, cell, map.distribution(sums.count(), || sums.moments(), unit));
+        }
+    }
+
+    /// Adds the voxels of a map to the sums of the coarse ones that they lie in, and notes which these are.
+    fn merge(&mut self, map: &NdtMap, doublings: u32) {
+        self.touched.clear();
         for (cell, sums) in map.voxels() {
             let coarse = cell.map(|index| index >> doublings);
             let shift = cell.map(|index| (index & ((1 << doublings) - 1)) as u64);
@@ -54,9 +84,7 @@ impl Level {
                 self.sums.push(WideSums::default());
             }
             self.sums[index as usize].add(sums, shift);
-        }
-        for (cell, sums) in self.cells.iter().zip(&self.sums) {
-            push(&mut self.table, &mut self.voxels, *cell, map.distribution(sums.count(), || sums.moments(), unit));
+            self.touched.push(index);
         }
     }
 
@@ -67,12 +95,19 @@ impl Level {
     }
 }
 
-fn push(table: &mut CellTable, voxels: &mut Vec<Voxel>, cell: [i32; 3], moments: Option<Moments>) {
+/// Puts a distribution in its voxel's place, or behind all if it has none yet.
+fn put(table: &mut CellTable, voxels: &mut Vec<Voxel>, cell: [i32; 3], moments: Option<Moments>) {
     let Some(moments) = moments else { return };
     let i = &moments.information;
-    table.get_or_insert(pack_within(cell), voxels.len() as u32);
-    voxels.push(Voxel {
+    let voxel = Voxel {
         mean: [moments.mean.x as f32, moments.mean.y as f32, moments.mean.z as f32],
         information: [i.m11, i.m12, i.m13, i.m22, i.m23, i.m33].map(|entry| entry as f32),
-    });
+    };
+    let next = voxels.len() as u32;
+    let index = table.get_or_insert(pack_within(cell), next);
+    if index == next {
+        voxels.push(voxel);
+    } else {
+        voxels[index as usize] = voxel;
+    }
 }

@@ -1,5 +1,8 @@
 //! Registration by the normal distributions transform: point to distribution, coarse to fine.
 
+mod glance;
+mod growth;
+
 use super::fit::Fit;
 use super::gaussian::VoxelParams;
 use super::level::Level;
@@ -143,20 +146,6 @@ impl NdtRegistration {
         self.take_spare()
     }
 
-    /// What the coarsest level says of a source at each of many poses, without a search: its score per point.
-    pub(super) fn glance(&mut self, source: &dyn PointSource, poses: &[Se3], scores: &mut Vec<f64>) {
-        self.source.refill(source);
-        scores.clear();
-        let coarsest = self.levels.len() - 1;
-        let Some(first) = poses.first() else { return };
-        let mut objective = self.objective(coarsest, first);
-        for pose in poses {
-            objective.prepare(pose);
-            let cost = objective.evaluate(pose).cost;
-            scores.push(-cost / objective.source.len().max(1) as f64);
-        }
-    }
-
     fn take_spare(&mut self) -> Result<(), Error> {
         let VoxelParams { min_points, .. } = self.params.voxels;
         let most = self.spare.voxels().map(|(_, sums)| sums.count()).max().unwrap_or(0);
@@ -170,16 +159,8 @@ impl NdtRegistration {
 
     /// How far from the optimum a level may stop: the next one walks on. The finest has the caller's word.
     fn descent(&self, doublings: usize) -> DescentParams {
-        let (descent, edge) = (self.params.descent, self.levels[doublings].edge);
-        if doublings == 0 {
-            return descent;
-        }
-        DescentParams {
-            translation_tolerance: descent.translation_tolerance.max(0.005 * edge),
-            rotation_tolerance: descent.rotation_tolerance.max(0.001 * edge),
-            max_translation: descent.max_translation.max(0.25 * edge),
-            ..descent
-        }
+        let descent = self.params.descent;
+        if doublings == 0 { descent } else { descent.coarse(self.levels[doublings].edge) }
     }
 
     /// The cost on a level, looked around for from `pose`.

@@ -1,6 +1,7 @@
 //! Odometry by any registration: each cloud is aligned with the local map of those before it.
 
-use super::{MotionPrior, PointMap, is_skewed, sweep};
+use super::tracker::{Matcher, Tracked, Tracker};
+use super::{PointMap, Window};
 use crate::Error;
 use agv_core::{
     check,
@@ -10,12 +11,6 @@ use agv_core::{
     time::Stamp,
 };
 use nalgebra::{Vector3, Vector6};
-
-/// How far the vehicle goes before the map forgets, as a share of its radius.
-const SLIDE: f64 = 0.1;
-
-/// Clouds in a row that fit nowhere, after which the map is begun anew where the prediction is.
-const GIVE_UP: usize = 5;
 
 /// What an odometry by registration may be told.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -35,6 +30,14 @@ impl Default for FollowParams {
     /// Leaves for methods that pair points; 100 m is paper 003's local map.
     fn default() -> Self {
         Self { source_leaf: 0.3, map_leaf: 0.25, radius: 100.0, min_range: 0.5 }
+    }
+}
+
+impl FollowParams {
+    /// For methods whose target is a distribution per voxel of a metre: it wants a point per decimetre, and the source four to its edge.
+    #[must_use]
+    pub fn for_distributions() -> Self {
+        Self { source_leaf: 0.25, map_leaf: 0.1, ..Self::default() }
     }
 }
 
@@ -64,6 +67,14 @@ impl Default for FollowParams {
 #[derive(Debug, Clone)]
 pub struct Follow<R> {
     params: FollowParams,
+    tracker: Tracker,
+    matcher: MapMatcher<R>,
+}
+
+/// The map, and what is matched with it.
+#[derive(Debug, Clone)]
+struct MapMatcher<R> {
+    params: FollowParams,
     registration: R,
     grid: VoxelGrid,
     /// The cloud without skew, then in the base frame, and thinned out.
@@ -73,9 +84,7 @@ pub struct Follow<R> {
     target: PointCloud,
     /// Whether the registration has taken the map.
     has_target: bool,
-    center: Vector3<f64>,
-    prior: Option<MotionPrior>,
-    lost: usize,
+    window: Window,
 }
 
 impl<R: Registration> Follow<R> {
@@ -88,7 +97,8 @@ impl<R: Registration> Follow<R> {
         check::in_range("min_range", params.min_range, 0.0, params.radius)?;
         check::in_range("source_leaf", params.source_leaf, 0.01, 10.0)?;
         check::in_range("map_leaf", params.map_leaf, 0.01, 100.0)?;
-        Ok(Self {
+        let matcher = MapMatcher {
+            params,
             registration,
             grid: VoxelGrid::new(params.source_leaf as f32)?,
             straight: PointCloud::default(),
@@ -96,11 +106,10 @@ impl<R: Registration> Follow<R> {
             map: PointMap::new(params.map_leaf)?,
             target: PointCloud::default(),
             has_target: false,
-            center: Vector3::zeros(),
-            prior: None,
-            lost: 0,
-            params,
-        })
+            window: Window::new(params.radius),
+        };
+        // Registrations have a reach of their own, so that no deviation is reckoned with.
+        Ok(Self { params, tracker: Tracker::new(0.0), matcher })
     }
 
     /// The parameters.
@@ -110,12 +119,19 @@ impl<R: Registration> Follow<R> {
 
     /// The map, in the frame of the first cloud.
     pub const fn map(&self) -> &PointMap {
-        &self.map
+        &self.matcher.map
     }
 
-    /// Puts the cloud where the base is at its stamp, given its velocity; thinned out.
+    /// Forgets the drive; the next cloud is the first one.
+    pub fn reset(&mut self) {
+        self.tracker = Tracker::new(0.0);
+        self.matcher.forget();
+    }
+}
+
+impl<R: Registration> Matcher for MapMatcher<R> {
     fn place(&mut self, cloud: &PointCloud, velocity: Option<&Vector6<f64>>) -> Result<(), AlignmentError> {
-        if let Some(twist) = velocity.filter(|_| cloud.time().is_some()) {
+        if let Some(twist) = velocity {
             let (linear, angular) = (twist.fixed_rows::<3>(0).into_owned(), twist.fixed_rows::<3>(3).into_owned());
             let twist = Twist3 { linear, angular };
             Deskew::cloud_into(cloud, &ConstantTwist::spatial(cloud.stamp(), &twist)?, &mut self.straight);
@@ -128,104 +144,52 @@ impl<R: Registration> Follow<R> {
         Ok(())
     }
 
-    /// Takes the cloud into the map, and hands that to the registration; a map that it refuses is not a target.
+    fn placed(&self) -> (usize, f64) {
+        let (count, sum) = (self.source.len(), self.source.points().map(|point| f64::from(point.norm())).sum::<f64>());
+        (count, sum / count.max(1) as f64)
+    }
+
+    fn has_map(&self) -> bool {
+        self.has_target
+    }
+
+    fn track(&mut self, guess: &Se3, _sigma: f64) -> Result<Tracked, AlignmentError> {
+        if !self.has_target {
+            let alignment = Alignment::unknown(*guess, Termination::TooFewPoints);
+            return Ok(Tracked { alignment, is_usable: false, is_clear: false });
+        }
+        let odom_from_target = Se3::from_parts(self.window.center(), So3::default());
+        let mut alignment = self.registration.align(&self.source, &odom_from_target.between(guess))?;
+        alignment.target_from_source = odom_from_target.compose(&alignment.target_from_source);
+        let is_usable = alignment.converged() || alignment.termination == Termination::Degenerate;
+        Ok(Tracked { alignment, is_usable, is_clear: is_usable })
+    }
+
+    /// Also hands the map to the registration; one that it refuses is not a target.
     fn remember(&mut self, pose: &Se3) {
         for point in self.straight.points() {
             self.map.insert(&pose.act(&point.cast()));
         }
-        if (pose.translation() - self.center).norm() > SLIDE * self.params.radius {
-            self.center = pose.translation();
-            self.map.retain_around(&self.center, self.params.radius);
+        let here = pose.translation();
+        if let Some(radius) = self.window.slides(&here) {
+            self.map.retain_around(&here, radius);
         }
         // Around the centre, so that `f32` serves far from the origin.
-        let place = |point: Vector3<f64>| LidarReturn { position: (point - self.center).cast(), ..Default::default() };
+        let center = self.window.center();
+        let place = |point: Vector3<f64>| LidarReturn { position: (point - center).cast(), ..Default::default() };
         self.target.refill(Stamp::default(), self.map.points().map(place));
         self.has_target = self.registration.set_target(&self.target).is_ok();
     }
 
-    /// Mean distance of the cloud's points from the base, in metres.
-    fn mean_range(&self) -> f64 {
-        let sum: f64 = self.source.points().map(|point| f64::from(point.norm())).sum();
-        sum / self.source.len().max(1) as f64
+    fn forget(&mut self) {
+        self.map.clear();
+        self.has_target = false;
     }
-
-    fn track(&mut self, guess: &Se3) -> Result<Alignment<Se3>, AlignmentError> {
-        let odom_from_target = Se3::from_parts(self.center, So3::default());
-        if !self.has_target {
-            return Ok(Alignment::unknown(*guess, Termination::TooFewPoints));
-        }
-        let mut found = self.registration.align(&self.source, &odom_from_target.between(guess))?;
-        found.target_from_source = odom_from_target.compose(&found.target_from_source);
-        Ok(found)
-    }
-}
-
-/// Whether a result can be used; its pose is then the prediction's along what the cloud leaves free, where noise has it otherwise.
-fn hold(found: &mut Alignment<Se3>, predicted: &Se3) -> bool {
-    if !found.converged() && found.termination != Termination::Degenerate {
-        return false;
-    }
-    let pose = found.target_from_source;
-    let held = pose.plus(&(found.unobserved * predicted.minus(&pose)));
-    if found.unobserved.trace() > 0.5 && held.is_finite() {
-        found.target_from_source = held;
-    }
-    true
 }
 
 impl<R: Registration> LidarOdometry for Follow<R> {
     fn process(&mut self, cloud: &PointCloud, prior: Option<&Se3>) -> Result<LidarOdometryStep, AlignmentError> {
-        if let Some(prior) = prior {
-            check::all_finite("prior", prior.translation().iter())?;
-            check::all_finite("prior", prior.rotation().matrix().iter())?;
-        }
-        let stamp = cloud.stamp();
-        let Some(mut state) = self.prior else {
-            self.place(cloud, None)?;
-            self.remember(&Se3::identity());
-            self.prior = Some(MotionPrior::new(stamp, 0.0));
-            return Ok(LidarOdometryStep { odom_from_base: Se3::identity(), alignment: None });
-        };
-        let origin = state.pose();
-        let predicted = origin.compose(&prior.copied().unwrap_or_else(|| state.motion_until(stamp)));
-        check::all_finite("predicted position", predicted.translation().iter())?;
-        let sweep = sweep(cloud);
-        let skewed = state.velocity(stamp, &predicted, sweep);
-        self.place(cloud, skewed.as_ref())?;
-        let mut found = self.track(&predicted)?;
-        if !found.converged() {
-            // The prediction may be what is wrong: once more from where the vehicle was.
-            let other = self.track(&origin)?;
-            if (other.converged(), other.inlier_ratio) > (found.converged(), found.inlier_ratio) {
-                found = other;
-            }
-        }
-        let usable = hold(&mut found, &predicted);
-        let after = state.velocity(stamp, &found.target_from_source, sweep);
-        if let (true, Some(before), Some(after)) = (usable, skewed, after)
-            && is_skewed(&before, &after, sweep, self.mean_range())
-        {
-            // A pose found with one velocity's skew would spoil the next velocity by half of that, to and fro.
-            self.place(cloud, Some(&after))?;
-            let mut again = self.track(&found.target_from_source)?;
-            if hold(&mut again, &predicted) {
-                found = again;
-            } else {
-                self.place(cloud, Some(&before))?;
-            }
-        }
-        let pose = if usable { found.target_from_source } else { predicted };
-        self.lost = if usable { 0 } else { self.lost + 1 };
-        if self.lost >= GIVE_UP {
-            self.map.clear();
-            self.lost = 0;
-        }
-        if usable || self.map.is_empty() {
-            self.remember(&pose);
-        }
-        state.advance(stamp, &pose);
-        self.prior = Some(state);
-        Ok(LidarOdometryStep { odom_from_base: pose, alignment: Some(found) })
+        self.tracker.step(&mut self.matcher, cloud, prior)
     }
 }
 

@@ -3,7 +3,11 @@
 mod follow;
 mod point_map;
 mod prior;
+mod tracker;
+mod window;
 
 pub use follow::{Follow, FollowParams};
 pub use point_map::PointMap;
-pub(crate) use prior::{MotionPrior, is_skewed, sweep};
+use prior::{MotionPrior, is_skewed, sweep};
+pub(crate) use tracker::{LEAST_SIGMA, Matcher, Tracked, Tracker};
+pub(crate) use window::Window;

@@ -138,9 +138,17 @@ impl PointMap {
             let Some(index) = self.table.get(pack_within(cell)) else { continue };
             let offset = (self.corner(cell) - query).cast::<f32>();
             let block = &self.blocks[index as usize];
-            let len = usize::from(block.len).min(CAPACITY);
-            for ((x, y), z) in block.x[..len].iter().zip(&block.y[..len]).zip(&block.z[..len]) {
-                found.take(Vector3::new(x + offset.x, y + offset.y, z + offset.z));
+            // All squares first, in lanes; few of them are near enough for the branches of the list.
+            let (len, mut squares) = (usize::from(block.len).min(CAPACITY), [0.0; CAPACITY]);
+            let points = block.x[..len].iter().zip(&block.y[..len]).zip(&block.z[..len]);
+            for (square, ((x, y), z)) in squares.iter_mut().zip(points) {
+                let (x, y, z) = (x + offset.x, y + offset.y, z + offset.z);
+                *square = x * x + y * y + z * z;
+            }
+            for (i, &square) in squares[..len].iter().enumerate() {
+                if square < found.squares[N - 1] {
+                    found.take(Vector3::new(block.x[i], block.y[i], block.z[i]) + offset, square);
+                }
             }
         }
         (found.count >= N).then_some(found.offsets)
@@ -207,12 +215,9 @@ struct Nearest<const N: usize> {
 }
 
 impl<const N: usize> Nearest<N> {
+    /// Takes an offset whose square is less than the last one's, of which there is one.
     #[inline]
-    fn take(&mut self, offset: Vector3<f32>) {
-        let square = offset.x * offset.x + offset.y * offset.y + offset.z * offset.z;
-        if N == 0 || square >= self.squares[N - 1] {
-            return;
-        }
+    fn take(&mut self, offset: Vector3<f32>, square: f32) {
         let mut place = N - 1;
         while place > 0 && square < self.squares[place - 1] {
             self.squares[place] = self.squares[place - 1];

@@ -56,6 +56,17 @@ impl DescentParams {
         Ok(())
     }
 
+    /// The same on a coarse level, of voxels of `edge` metres: it may stop earlier, and step farther, for the next one walks on.
+    #[must_use]
+    pub(crate) const fn coarse(self, edge: f64) -> Self {
+        Self {
+            translation_tolerance: self.translation_tolerance.max(0.005 * edge),
+            rotation_tolerance: self.rotation_tolerance.max(0.001 * edge),
+            max_translation: self.max_translation.max(0.25 * edge),
+            ..self
+        }
+    }
+
     /// Whether a step is below the tolerances.
     pub(super) fn at_rest(&self, step: &Vector6<f64>) -> bool {
         let (translation, rotation) = lengths(step);

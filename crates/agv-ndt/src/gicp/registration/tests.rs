@@ -1,6 +1,6 @@
 use super::*;
 use crate::registration::Freedom;
-use crate::scenes::{ROOM, cloud, sheets};
+use crate::scenes::{PARALLEL, ROOM, cloud, sheets};
 use agv_core::geometry::{PoseSigma, So3};
 use agv_core::roles::laws;
 use agv_core::sensors::PointCloud;
@@ -62,6 +62,41 @@ fn a_single_wall_is_degenerate_and_the_plane_holds_the_rest() {
     assert!((found.target_from_source.translation() - Vector3::new(0.2, -0.1, 0.02)).norm() < 0.02, "{found:?}");
 }
 
+/// ... and where too little is explained, directions mean nothing either.
+#[test]
+fn a_poor_fit_is_not_taken_for_a_degenerate_one() {
+    let wall = cloud(&sheets(&PARALLEL[..1], 20.0, 1), &Se3::identity());
+    let walls = cloud(&sheets(&PARALLEL, 12.0, 2), &Se3::identity());
+    for metric in METRICS {
+        let mut icp = registration(metric);
+        icp.set_target(&wall).unwrap();
+        let found = icp.align(&walls, &Se3::identity()).unwrap();
+        assert!(found.inlier_ratio < 0.5 && found.unobserved.trace() > 0.5, "{metric:?} {found:?}");
+        // But between planes points slide along what is free, and need not come to rest.
+        let slides = metric != PointMetric::Generalized && found.termination == Termination::IterationLimit;
+        assert!(slides || found.termination == Termination::PoorFit, "{metric:?} {found:?}");
+    }
+}
+
+/// A screen that the target did not see, half a metre before one wall: squares are drawn to it, the kernel is not.
+#[test]
+fn what_the_target_did_not_see_does_not_draw_the_pose() {
+    let target = cloud(&sheets(&ROOM, 16.0, 1), &Se3::identity());
+    let screen = [[[-5.0, -3.7, -1.0], [10.0, 0.0, 0.0], [0.0, 0.0, 2.8]]];
+    let mut seen = sheets(&ROOM, 12.0, 2);
+    seen.extend(sheets(&screen, 12.0, 3));
+    let source = cloud(&seen, &truth());
+    for metric in [PointMetric::PointToPlane, PointMetric::Generalized] {
+        let off = |kernel: Option<f64>| {
+            let mut icp = PointRegistration::new(PointParams { metric, kernel, ..PointParams::default() }).unwrap();
+            icp.set_target(&target).unwrap();
+            icp.align(&source, &Se3::identity()).unwrap().target_from_source.minus(&truth()).fixed_rows::<3>(0).norm()
+        };
+        let (squares, robust) = (off(None), off(PointParams::default().kernel));
+        assert!(squares > 0.05 && robust < 0.01, "{metric:?}: {squares} {robust}");
+    }
+}
+
 /// Points too far apart for normals, and each off by 70 cm in a way that no pose mends.
 #[test]
 fn pairs_without_normals_are_inliers_by_their_distance() {
@@ -116,6 +151,8 @@ fn bad_parameters_are_named() {
         PointParams { max_distance: 0.0, ..good },
         PointParams { max_distance: f32::NAN, ..good },
         PointParams { resolution: 0.0, ..good },
+        PointParams { kernel: Some(0.0), ..good },
+        PointParams { kernel: Some(f64::NAN), ..good },
         PointParams { inlier_distance: -1.0, ..good },
         PointParams { min_inlier_ratio: 2.0, ..good },
         PointParams { min_facing_share: 0.0, ..good },

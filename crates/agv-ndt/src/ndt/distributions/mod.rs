@@ -7,7 +7,6 @@ use super::gaussian::VoxelParams;
 use super::mixture::Mixture;
 use super::params::NdtParams;
 use crate::Error;
-use crate::registration::DescentParams;
 use agv_core::{
     check,
     compute::Par,
@@ -91,7 +90,7 @@ impl DistributionRegistration {
         for (doublings, (target, source)) in self.target.iter().zip(&self.source).enumerate().rev() {
             let mixture = self.mixtures[doublings];
             let mut overlap = Overlap { target, source, mixture, par: self.par };
-            let descent = if doublings == 0 { params.descent } else { coarse(params.descent, target.edge()) };
+            let descent = if doublings == 0 { params.descent } else { params.descent.coarse(target.edge()) };
             let found = params.optimizer.minimize(&mut overlap, &descent, &pose, &free);
             iterations += found.iterations;
             if !found.pose.is_finite() {
@@ -124,16 +123,6 @@ impl DistributionRegistration {
         let mut lost = Alignment::unknown(*guess, Termination::Stalled);
         lost.iterations = iterations;
         lost
-    }
-}
-
-/// A coarse level may stop earlier, and step farther: the next one walks on.
-fn coarse(descent: DescentParams, edge: f64) -> DescentParams {
-    DescentParams {
-        translation_tolerance: descent.translation_tolerance.max(0.005 * edge),
-        rotation_tolerance: descent.rotation_tolerance.max(0.001 * edge),
-        max_translation: descent.max_translation.max(0.25 * edge),
-        ..descent
     }
 }
 

@@ -12,15 +12,22 @@
 //!
 //! The covariance of a match is not the inverse Hessian: neighbouring points share the errors of the cells that they meet, so only a
 //! share of them counts, and no match is better than a floor. Along directions that the cloud does not fix, as along a corridor, the
-//! match has no information: the estimate follows the odometry there, and its variance grows. Those directions are known to a milliradian
-//! or so: a variance of metres along them is taken for smaller than it is after some clouds.
+//! match has no information: the estimate follows the odometry there, and its variance grows.
+//!
+//! That has a limit. Each cloud knows those directions to a milliradian or so, and what it says across them to 1.5 mm at best
+//! ([`floor`](NdtLocalizerParams::floor)): a deviation along them beyond the ratio of the two, 1.5 m, is seen, wrongly, in what is
+//! across. Clouds that follow each other take a standard deviation of metres for smaller than it is. Read one of more than a metre as
+//! "not known".
 
 #[cfg(feature = "serde")]
 mod checkpoint;
+mod correct;
 mod fusion;
+mod matching;
 mod params;
 mod places;
 mod search;
+mod state;
 
 pub use params::{DriftParams, NdtLocalizerParams, SearchParams};
 
@@ -32,16 +39,12 @@ use agv_core::{
     compute::Par,
     geometry::{LieGroup, Se3, UncertainPose},
     odometry::MotionIncrement,
-    roles::{
-        Alignment, AlignmentError, Correct, Doubt, LocalizationError, LocalizationStatus, Localizer, PoseBelief,
-        PoseEstimate, Registration, SkipReason, StatusMonitor, UpdateOutcome, UpdateReport,
-    },
-    sensors::{Deskew, PointCloud, PoseTrack, SensorId, VoxelGrid},
-    time::Stamp,
+    roles::{Alignment, LocalizationError, LocalizationStatus, Localizer, PoseBelief, PoseEstimate, StatusMonitor},
+    sensors::{PointCloud, VoxelGrid},
 };
-use fusion::{fuse, tempered};
 use nalgebra::{Matrix6, Vector6};
 use search::Search;
+use state::State;
 
 /// Localises a vehicle in space, in a map of normal distributions.
 ///
@@ -101,27 +104,6 @@ pub struct NdtLocalizer {
     thinned: PointCloud,
 }
 
-/// What an initialised localizer knows.
-#[derive(Debug, Clone)]
-#[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
-struct State {
-    belief: PoseEstimate<Se3>,
-    /// Whether the vehicle may be anywhere in the map.
-    anywhere: bool,
-    /// Clouds in a row that did not fit.
-    misses: u32,
-    /// Poses in the odometry's frame at the ends of the last motions.
-    track: Vec<(Stamp, Se3)>,
-    /// The last cloud that each sensor had applied.
-    applied: Vec<(SensorId, Stamp)>,
-}
-
-/// Deviations of a belief beyond which it is looked for from many starts: in metres, and in radians.
-const WIDE: (f64, f64) = (1.0, 0.35);
-
-/// Standard deviations of a wide belief within which it is looked for.
-const WIDTHS: f64 = 3.0;
-
 impl NdtLocalizer {
     /// A localizer in this map.
     ///
@@ -176,6 +158,21 @@ impl NdtLocalizer {
         self.ndt.set_map(map)
     }
 
+    /// Adds the last cloud to the map as [`straightened`](Self::straightened) has it, taken from `map_from_base`, and says how many
+    /// points that are; belief and places stay. Linear in the points of the cloud, however large the map is.
+    ///
+    /// # Errors
+    /// A pose that is not finite; the map is then as it was.
+    pub fn insert_straightened(&mut self, map_from_base: &Se3) -> Result<usize, Error> {
+        self.ndt.insert(&self.straight, &map_from_base.compose(&self.straight.base_from_sensor()))
+    }
+
+    /// The map, with all else given up.
+    #[must_use]
+    pub fn into_map(self) -> NdtMap {
+        self.ndt.into_map()
+    }
+
     /// The map.
     pub const fn map(&self) -> &NdtMap {
         self.ndt.map()
@@ -203,140 +200,6 @@ impl NdtLocalizer {
     pub const fn straightened(&self) -> &PointCloud {
         &self.straight
     }
-
-    /// Deskews a cloud to the time of the belief, thins it out and brings it into the base frame; or says why not.
-    fn take(&mut self, state: &State, cloud: &PointCloud) -> Result<(), SkipReason> {
-        let (at, track) = (state.belief.stamp, &state.track);
-        let moving = track.first().zip(at).filter(|_| track.len() > 1);
-        if let Some((first, now)) = moving {
-            let (age, slack) = (now - cloud.stamp(), self.params.extrapolation);
-            if age > (now - first.0) + slack || age < -slack {
-                return Err(SkipReason::OutsideHistory { age });
-            }
-            // A track of increasing times and finite poses is one.
-            if let Ok(motion) = PoseTrack::new(track, now) {
-                Deskew::cloud_into(cloud, &motion, &mut self.straight);
-            }
-        } else {
-            // At rest, as far as is known; but a track of one pose says so of its own time alone.
-            let age = at.filter(|_| !track.is_empty()).map_or(0.0, |now| now - cloud.stamp());
-            if age.abs() > self.params.extrapolation {
-                return Err(SkipReason::OutsideHistory { age });
-            }
-            self.straight.copy_from(cloud);
-        }
-        self.thin.filter_into(&self.straight, &mut self.thinned);
-        let mount = self.thinned.base_from_sensor();
-        self.thinned.transform(&mount);
-        let (usable, needed) = (self.thinned.len(), self.params.min_points);
-        if usable < needed { Err(SkipReason::TooFewReadings { usable, needed }) } else { Ok(()) }
-    }
-
-    /// What the thinned cloud makes of a belief; nothing is changed but the last alignment.
-    fn match_cloud(&mut self, state: &State) -> Result<Match, LocalizationError> {
-        // A belief that was never confirmed has nothing to lose: there the clouds count.
-        let patience = u32::try_from(self.params.status.confirmations).unwrap_or(u32::MAX).max(1);
-        let is_lost = matches!(self.monitor.status(), LocalizationStatus::Lost { doubt: Doubt::Unexplained { .. } });
-        let contradicted = is_lost || state.misses >= patience;
-        let Some(search) = self.params.search else { return self.follow(&state.belief.pose) };
-        if state.anywhere || contradicted {
-            let reach = search.radius * f64::from(state.misses.saturating_sub(patience).min(20)).exp2();
-            let reach = reach.max(WIDTHS * state.belief.pose.position_deviation());
-            return self.find(&state.belief.pose, if state.anywhere { f64::INFINITY } else { reach }, &search);
-        }
-        let followed = self.follow(&state.belief.pose)?;
-        let unobserved = self.alignment.map_or_else(Matrix6::zeros, |found| found.unobserved);
-        let is_believed = matches!(followed, Match::Fused { nis, .. } if nis <= self.params.gate);
-        let (prior, all) = (&state.belief.pose, Matrix6::zeros());
-        if !is_wide(prior, &all) || (is_believed && !is_wide(prior, &unobserved)) {
-            return Ok(followed);
-        }
-        self.narrow(&state.belief.pose, &search)
-    }
-
-    /// The match from the predicted pose.
-    fn follow(&mut self, belief: &UncertainPose<Se3>) -> Result<Match, LocalizationError> {
-        let found = self.ndt.align(&self.thinned, belief.mean()).map_err(|error| refused(&error))?;
-        self.alignment = Some(found);
-        if !found.converged() {
-            return Ok(Match::Unexplained);
-        }
-        fused(&self.params, belief, &found)
-    }
-
-    /// The match among those that a wide belief allows.
-    fn narrow(&mut self, belief: &UncertainPose<Se3>, search: &SearchParams) -> Result<Match, LocalizationError> {
-        let (radius, params) = (WIDTHS * belief.position_deviation(), &self.params);
-        let allowed = |found: &Alignment<Se3>| matches!(fused(params, belief, found), Ok(Match::Fused { nis, .. }) if nis <= params.gate);
-        let (places, around) = (&self.places, belief.mean());
-        self.search
-            .run(&mut self.ndt, &self.thinned, places, (around, radius), search, allowed)
-            .map_err(|e| refused(&e))?;
-        // Two that differ along what they do not observe are one: the belief says where along it.
-        self.alignment = self.search.verdict(search.lead, true);
-        self.alignment.map_or(Ok(Match::Unexplained), |found| fused(&self.params, belief, &found))
-    }
-
-    /// The match among all within `radius` metres, whatever was believed.
-    fn find(
-        &mut self,
-        belief: &UncertainPose<Se3>,
-        radius: f64,
-        search: &SearchParams,
-    ) -> Result<Match, LocalizationError> {
-        let (places, around) = (&self.places, belief.mean());
-        self.search
-            .run(&mut self.ndt, &self.thinned, places, (around, radius), search, |_| true)
-            .map_err(|e| refused(&e))?;
-        self.alignment = self.search.verdict(search.lead, false);
-        let Some(found) = self.alignment else { return Ok(Match::Unexplained) };
-        let tempered = tempered(&found.information, self.params.independent, self.params.floor);
-        // Along what the cloud does not fix, any of the places tried may be meant.
-        let to = |place: &Se3, from: &Se3| (place.translation() - from.translation()).norm();
-        let tried = places.iter().filter(|place| to(place, around) <= radius);
-        let farthest = tried.map(|place| to(place, &found.target_from_source)).fold(search.radius, f64::max);
-        let unknown = Matrix6::identity() * farthest.powi(-2);
-        let singular = agv_core::Error::Singular { name: "covariance", row: 0, pivot: 0.0 };
-        let covariance = (tempered + unknown).try_inverse().ok_or(singular)?;
-        let pose = UncertainPose::new(found.target_from_source, (covariance + covariance.transpose()) * 0.5)?;
-        Ok(Match::Found { pose, share: found.inlier_ratio })
-    }
-}
-
-/// A belief corrected by a match.
-fn fused(
-    params: &NdtLocalizerParams,
-    belief: &UncertainPose<Se3>,
-    found: &Alignment<Se3>,
-) -> Result<Match, LocalizationError> {
-    let information = tempered(&found.information, params.independent, params.floor);
-    let fused = fuse(belief, &found.target_from_source, &information)?;
-    Ok(Match::Fused { pose: fused.pose, nis: fused.nis, share: found.inlier_ratio })
-}
-
-/// Whether a belief is wide along other directions than those of the projector `unobserved`.
-fn is_wide(belief: &UncertainPose<Se3>, unobserved: &Matrix6<f64>) -> bool {
-    let observed = Matrix6::identity() - unobserved;
-    let variances = (observed * belief.covariance() * observed).diagonal();
-    variances.fixed_rows::<3>(0).sum() > WIDE.0.powi(2) || variances.fixed_rows::<3>(3).sum() > WIDE.1.powi(2)
-}
-
-/// What a cloud says of a belief.
-enum Match {
-    /// Nothing: it fits nowhere, or in several places.
-    Unexplained,
-    /// Where the vehicle is, whatever was believed.
-    Found { pose: UncertainPose<Se3>, share: f64 },
-    /// The belief, corrected.
-    Fused { pose: UncertainPose<Se3>, nis: f64, share: f64 },
-}
-
-fn refused(error: &AlignmentError) -> LocalizationError {
-    match error {
-        AlignmentError::Invalid(error) => LocalizationError::Invalid(*error),
-        // There is a target from the construction on.
-        _ => LocalizationError::NotInitialized,
-    }
 }
 
 impl Localizer for NdtLocalizer {
@@ -348,7 +211,7 @@ impl Localizer for NdtLocalizer {
             (*pose, false)
         } else {
             check::at_least("search", usize::from(self.params.search.is_some()), 1)?;
-            (spread_over(&self.places)?, true)
+            (places::spread_over(&self.places)?, true)
         };
         self.monitor.initialized(&pose);
         self.alignment = None;
@@ -382,95 +245,6 @@ impl Localizer for NdtLocalizer {
     fn status(&self) -> LocalizationStatus {
         self.monitor.status()
     }
-}
-
-impl Correct<PointCloud> for NdtLocalizer {
-    /// The observation is compensated for the motion between its stamp and the end of the last motion.
-    fn update(&mut self, cloud: &PointCloud) -> Result<UpdateOutcome, LocalizationError> {
-        let mut state = self.state.take().ok_or(LocalizationError::NotInitialized)?;
-        let outcome = self.correct(&mut state, cloud);
-        self.state = Some(state);
-        outcome
-    }
-}
-
-impl NdtLocalizer {
-    fn correct(&mut self, state: &mut State, cloud: &PointCloud) -> Result<UpdateOutcome, LocalizationError> {
-        let observed = (cloud.sensor(), cloud.stamp());
-        if state.applied.contains(&observed) {
-            return Ok(UpdateOutcome::Skipped(SkipReason::Duplicate));
-        }
-        if let Err(reason) = self.take(state, cloud) {
-            return Ok(UpdateOutcome::Skipped(reason));
-        }
-        let outcome = match self.match_cloud(state)? {
-            Match::Unexplained => UpdateOutcome::Skipped(SkipReason::Unexplained),
-            Match::Fused { nis, .. } if nis > self.params.gate => {
-                UpdateOutcome::Skipped(SkipReason::Gated { nis, limit: self.params.gate })
-            }
-            Match::Fused { pose, nis, share } => {
-                state.belief.pose = pose;
-                let mut report = UpdateReport::explaining(share);
-                report.nis = Some(nis);
-                UpdateOutcome::Applied(report)
-            }
-            Match::Found { pose, share } => {
-                state.belief.pose = pose;
-                state.anywhere = false;
-                self.monitor.initialized(&pose);
-                UpdateOutcome::Applied(UpdateReport::explaining(share))
-            }
-        };
-        if let UpdateOutcome::Applied(_) = outcome {
-            state.applied.retain(|(sensor, _)| *sensor != observed.0);
-            state.applied.push(observed);
-            state.belief.stamp.get_or_insert(observed.1);
-            state.misses = 0;
-        } else {
-            state.misses = state.misses.saturating_add(1);
-        }
-        self.monitor.updated(&state.belief.pose, &outcome);
-        Ok(outcome)
-    }
-}
-
-impl State {
-    /// Adds the end of a motion to the track, and forgets what is older than `history` seconds.
-    fn remember(&mut self, odometry: &MotionIncrement<Se3>, history: f64) {
-        let last = self.track.last().copied();
-        let (newest, odom_from_start) = last.unwrap_or((odometry.start, Se3::identity()));
-        if odometry.end < odometry.start.max(newest) {
-            // The clock stepped back: what was before lies in no order with it.
-            self.track.clear();
-            self.track.push((odometry.end, Se3::identity()));
-            return;
-        }
-        if last.is_none() || odometry.start > newest {
-            // The first motion, or one after a gap in which nothing is known to have moved.
-            self.track.push((odometry.start, odom_from_start));
-        }
-        let odom_from_end = odom_from_start.compose(&odometry.start_from_end);
-        match self.track.last_mut() {
-            // No time has passed, but the vehicle has moved.
-            Some((stamp, pose)) if *stamp == odometry.end => *pose = odom_from_end,
-            _ => self.track.push((odometry.end, odom_from_end)),
-        }
-        let old = self.track.partition_point(|(stamp, _)| odometry.end - *stamp > history);
-        // One before the history stays, so that all of it lies between two poses.
-        self.track.drain(..old.saturating_sub(1));
-    }
-}
-
-/// The belief that a vehicle is at any of the places, heading anywhere.
-fn spread_over(places: &[Se3]) -> Result<UncertainPose<Se3>, LocalizationError> {
-    check::at_least("places", places.len(), 1)?;
-    let n = places.len() as f64;
-    let mean = places.iter().map(Se3::translation).sum::<nalgebra::Vector3<f64>>() / n;
-    let variance = places.iter().map(|p| (p.translation() - mean).norm_squared()).sum::<f64>() / n;
-    let heading = std::f64::consts::PI.powi(2) / 3.0;
-    let spread = Vector6::new(variance.max(1.0), variance.max(1.0), 0.01, 0.01, 0.01, heading);
-    let pose = Se3::from_parts(mean, agv_core::geometry::So3::identity());
-    Ok(UncertainPose::new(pose, Matrix6::from_diagonal(&spread))?)
 }
 
 #[cfg(test)]

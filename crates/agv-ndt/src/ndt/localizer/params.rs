@@ -33,6 +33,9 @@ pub struct SearchParams {
     pub spacing: f64,
     /// Headings that are tried at each place.
     pub headings: usize,
+    /// Most starts, places times headings, that a search judges: of more places only every second, third, ... is tried, so that the
+    /// work of an update is bounded. Beyond a place every 2 m or so the right one may be missed: give places of one's own in larger maps.
+    pub max_starts: usize,
     /// Best of the starts, by their score on the coarsest voxels, that are followed to their optimum; the belief's mean is besides.
     pub finalists: usize,
     /// How far the best one's share of inliers must exceed that of every other place, from 0 to 1.
@@ -43,10 +46,11 @@ pub struct SearchParams {
 
 impl Default for SearchParams {
     /// Places every metre and headings every 22.5°, well within the basin of the 4 m voxels that they are judged by; a twentieth of
-    /// the points for which no other place may come up. 30 m is a quarter of a minute without a fix at 2 m/s; in a smaller circle the
-    /// right place may be missing, and one that looks like it be taken.
+    /// the points for which no other place may come up. 20 000 starts are a place per square metre of a hall of 50 m x 25 m. 30 m is
+    /// a quarter of a minute without a fix at 2 m/s; in a smaller circle the right place may be missing, and one that looks like it be
+    /// taken.
     fn default() -> Self {
-        Self { spacing: 1.0, headings: 16, finalists: 32, lead: 0.05, radius: 30.0 }
+        Self { spacing: 1.0, headings: 16, max_starts: 20_000, finalists: 32, lead: 0.05, radius: 30.0 }
     }
 }
 
@@ -54,6 +58,7 @@ impl SearchParams {
     fn validate(&self) -> Result<(), Error> {
         check::in_range("search spacing", self.spacing, 0.1, 1000.0)?;
         check::in_range("search headings", self.headings as f64, 1.0, 360.0)?;
+        check::in_range("search starts", self.max_starts as f64, self.headings as f64, 1e7)?;
         check::in_range("search finalists", self.finalists as f64, 1.0, 10_000.0)?;
         check::in_range("search lead", self.lead, 0.0, 1.0)?;
         check::positive("search radius", self.radius)?;

@@ -1,8 +1,12 @@
 //! Where a vehicle can be, as far as a map says.
 
 use super::super::map::NdtMap;
-use agv_core::geometry::{Se3, So3};
-use nalgebra::{Vector2, Vector3};
+use agv_core::{
+    check,
+    geometry::{Se3, So3, UncertainPose},
+    roles::LocalizationError,
+};
+use nalgebra::{Matrix6, Vector2, Vector3, Vector6};
 use std::{cmp::Ordering, collections::BTreeMap};
 
 /// Share of a voxel's spread that is upright, below which it is a floor.
@@ -36,6 +40,18 @@ pub(super) fn places(map: &NdtMap, spacing: f64) -> Vec<Se3> {
         }
     }
     floors.into_values().map(|floor| Se3::from_parts(floor, So3::default())).collect()
+}
+
+/// The belief that a vehicle is at any of the places, heading anywhere.
+pub(super) fn spread_over(places: &[Se3]) -> Result<UncertainPose<Se3>, LocalizationError> {
+    check::at_least("places", places.len(), 1)?;
+    let n = places.len() as f64;
+    let mean = places.iter().map(Se3::translation).sum::<Vector3<f64>>() / n;
+    let variance = places.iter().map(|p| (p.translation() - mean).norm_squared()).sum::<f64>() / n;
+    let heading = std::f64::consts::PI.powi(2) / 3.0;
+    let spread = Vector6::new(variance.max(1.0), variance.max(1.0), 0.01, 0.01, 0.01, heading);
+    let pose = Se3::from_parts(mean, So3::default());
+    Ok(UncertainPose::new(pose, Matrix6::from_diagonal(&spread))?)
 }
 
 /// Heights that differ by less belong to one floor, in metres.

@@ -39,7 +39,10 @@ impl Search {
         self.guesses.clear();
         self.guesses.push(*around);
         let near = |place: &&Se3| (place.translation() - around.translation()).norm() <= radius;
-        for place in places.iter().filter(near) {
+        // As many places as there may be starts, evenly over the list.
+        let most = (params.max_starts / params.headings).max(1);
+        let stride = places.iter().filter(near).count().div_ceil(most).max(1);
+        for place in places.iter().filter(near).step_by(stride) {
             for heading in 0..params.headings {
                 let turn = So3::exp(&Vector3::new(0.0, 0.0, heading as f64 * step));
                 self.guesses.push(place.compose(&Se3::from_parts(Vector3::zeros(), turn)));
@@ -55,6 +58,12 @@ impl Search {
             }
         }
         Ok(())
+    }
+
+    /// Starts of the last search.
+    #[cfg(test)]
+    pub(super) fn starts(&self) -> usize {
+        self.guesses.len()
     }
 
     /// The first start, and the best others, no two of which are near each other.

@@ -3,7 +3,9 @@ use crate::scenes::{CORRIDOR, ROOM, cloud, scatter, sheets};
 use agv_core::{
     compute::Seed,
     geometry::{Se2, So3, Twist2, Twist3},
-    roles::{Doubt, Termination, laws},
+    roles::{Correct, Doubt, SkipReason, Termination, UpdateOutcome, laws},
+    sensors::SensorId,
+    time::Stamp,
 };
 use agv_sim::{Factory, FactoryParams, Lidar, LidarParams, OdometryErrors, Simulator3d, Vehicle, VehicleParams};
 use nalgebra::{Vector3, Vector6};
@@ -134,6 +136,37 @@ fn a_belief_that_is_wide_along_a_corridor_is_corrected_across_it() {
             assert!((off.x - 0.6).abs() < 0.1 * wide && off.y.abs() < 0.03 && off[5].abs() < 0.005, "{wide}: {off}");
         }
     }
+}
+
+#[test]
+fn a_map_grows_by_the_last_cloud() {
+    let (mut localizer, place) = (room(), at(0.5, 0.2, 0.4));
+    localizer.initialize(&around(place, 0.05)).unwrap();
+    let mount = Se3::from_parts(Vector3::new(0.3, 0.0, 0.5), So3::from_roll_pitch_yaw(0.0, 0.0, 1.0));
+    let cloud = seen(&ROOM, 12.0, 7, &place.compose(&mount), Stamp::from_seconds(0.0)).with_mount(mount).unwrap();
+    assert!(matches!(localizer.update(&cloud), Ok(UpdateOutcome::Applied(_))));
+    let mut expected = localizer.map().clone();
+    expected.insert(&cloud, &place.compose(&mount));
+    assert!(localizer.insert_straightened(&at(f64::NAN, 0.0, 0.0)).is_err());
+    assert_eq!(localizer.insert_straightened(&place), Ok(cloud.len()));
+    assert_eq!(localizer.map(), &expected);
+    assert_eq!(localizer.into_map(), expected);
+}
+
+/// With fewer starts than places and headings, the room's places are tried a few metres apart: the basin is as wide.
+#[test]
+fn a_search_tries_no_more_starts_than_it_may() {
+    let search = SearchParams { max_starts: 400, ..SearchParams::default() };
+    let params = NdtLocalizerParams { search: Some(search), ..NdtLocalizerParams::default() };
+    let mut localizer = NdtLocalizer::new(&map_of(&ROOM, 100.0), params).unwrap();
+    assert!(localizer.places().len() * search.headings > 1200);
+    localizer.initialize(&PoseBelief::Anywhere).unwrap();
+    let truth = at(5.0, 4.0, -1.4);
+    localizer.update(&seen(&ROOM, 12.0, 45, &truth, Stamp::from_seconds(0.0))).unwrap();
+    assert!((300..=401).contains(&localizer.search.starts()), "{}", localizer.search.starts());
+    assert!(error(&localizer, &truth).norm() < 0.02, "{}", error(&localizer, &truth));
+    let none = SearchParams { max_starts: 15, ..search };
+    assert!(NdtLocalizerParams { search: Some(none), ..params }.validate().is_err());
 }
 
 #[test]

@@ -47,6 +47,50 @@ fn every_search_and_optimizer_finds_the_pose() {
 }
 
 #[test]
+fn a_target_that_grew_is_to_the_bit_one_that_was_made_at_once() {
+    let source = room(&truth()).1;
+    let poses = [0.0, 0.7, -1.3]
+        .map(|x| Se3::from_parts(Vector3::new(x, 0.5 * x, 0.0), So3::from_roll_pitch_yaw(0.0, 0.0, 0.2 * x)));
+    let clouds: Vec<_> = poses.iter().zip(1..).map(|(pose, draw)| cloud(&sheets(&ROOM, 30.0, draw), pose)).collect();
+    let mut map = NdtMap::new(NdtParams::default().voxels).unwrap();
+    let mut grown = NdtRegistration::new(NdtParams { coarse_levels: 3, ..NdtParams::default() }).unwrap();
+    assert!(grown.insert(&PointCloud::default(), &Se3::identity()).is_err() && grown.map().is_empty());
+    for (cloud, pose) in clouds.iter().zip(&poses) {
+        assert_eq!(map.insert(cloud, pose), grown.insert(cloud, pose).unwrap());
+        let mut once = NdtRegistration::new(*grown.params()).unwrap();
+        once.set_map(&map).unwrap();
+        assert_eq!(grown.map(), &map);
+        assert_eq!(grown.align(&source, &Se3::identity()).unwrap(), once.align(&source, &Se3::identity()).unwrap());
+        let nowhere = Se3::from_parts(Vector3::repeat(f64::NAN), So3::default());
+        assert!(grown.insert(cloud, &nowhere).is_err());
+    }
+    assert_eq!(grown.into_map(), map);
+}
+
+#[test]
+fn a_glance_at_many_poses_is_the_same_for_any_number_of_threads_and_tells_the_right_one() {
+    let (target, source) = room(&truth());
+    let pose = |i: u32| {
+        truth().compose(&Se3::from_parts(
+            Vector3::new(f64::from(i % 20) - 10.0, f64::from(i / 20) - 10.0, 0.0),
+            So3::default(),
+        ))
+    };
+    let poses: Vec<_> = (0..400).map(pose).collect();
+    let glance = |threads| {
+        let mut ndt = NdtRegistration::new(NdtParams::default()).unwrap().with_parallelism(Par::threads(threads));
+        ndt.set_target(&target).unwrap();
+        let mut scores = vec![f64::NAN];
+        ndt.glance(&source, &poses, &mut scores);
+        scores
+    };
+    let scores = glance(1);
+    assert_eq!(scores, glance(3));
+    let best = (0..400).max_by(|&a, &b| scores[a].total_cmp(&scores[b])).unwrap();
+    assert_eq!((best, scores.len()), (210, 400));
+}
+
+#[test]
 fn threads_change_no_bit() {
     let (target, source) = room(&truth());
     let align = |par| {
