@@ -13,6 +13,7 @@ mod params;
 mod planar;
 mod registration;
 mod search;
+mod tiles;
 
 pub use distributions::DistributionRegistration;
 pub use gaussian::{Gaussian3, VoxelParams, VoxelSums};
@@ -22,3 +23,4 @@ pub use params::NdtParams;
 pub use planar::{NdtScanMatcher, NdtScanMatcherParams};
 pub use registration::{NdtRegistration, NdtReport};
 pub use search::VoxelSearch;
+pub use tiles::{NdtTile, NdtTiles};
