@@ -31,8 +31,8 @@ fn tiles_come_back_and_go_on() {
     assert_kept("NdtTiles", &tiles);
     assert_kept("NdtTile", &away);
     let mut again = restored(&tiles);
-    again.load(restored(&away)).unwrap();
-    tiles.load(away.clone()).unwrap();
+    again.load(&restored(&away)).unwrap();
+    tiles.load(&away).unwrap();
     assert!(again == tiles && tiles.away().count() == 0);
     assert_refused(
         "NdtTile",

@@ -50,7 +50,7 @@ impl Laps {
     pub(crate) fn once_each(factory: &Factory, columns: usize, drift: Drift, seed: Seed) -> Self {
         let order = |aisle: usize| {
             let [west, east] = ends(factory, aisle);
-            if aisle % 2 == 0 { [west, east] } else { [east, west] }
+            if aisle.is_multiple_of(2) { [west, east] } else { [east, west] }
         };
         let way: Vec<_> = (0..factory.aisles().len()).flat_map(order).collect();
         Self::through(factory, &way, columns, drift, seed)

@@ -1,7 +1,10 @@
 //! Where to look for a key frame among older ones.
 
 use super::{KeyFrameMap, LoopParams};
-use agv_core::geometry::{LieGroup, Se3, So3};
+use agv_core::{
+    geometry::{LieGroup, Se3, So3},
+    nalgebra::Vector3,
+};
 use agv_ndt::places::{PlaceMatch, ScanContext};
 
 /// Key frames that a group may lack in between.
@@ -71,7 +74,7 @@ impl KeyFrameMap {
         let LoopParams { look_alikes, max_distance, .. } = self.params.loops;
         self.places.find_into(query, |place| self.is_within(place), matches);
         let alike = matches.iter().filter(|found| f64::from(found.distance) <= max_distance).take(look_alikes);
-        let turned = |yaw: f64| Se3::from_parts(Default::default(), So3::from_roll_pitch_yaw(0.0, 0.0, yaw));
+        let turned = |yaw: f64| Se3::from_parts(Vector3::zeros(), So3::from_roll_pitch_yaw(0.0, 0.0, yaw));
         alike.map(|found| Candidate { anchor: found.place, anchor_from_base: turned(found.yaw) }).collect()
     }
 }

@@ -53,7 +53,7 @@ impl TryFrom<RawMap> for KeyFrameMap {
         let mut context = ScanContext::default();
         for key in &raw.keys {
             check::in_range("way of a key frame", key.way, 0.0, raw.way)?;
-            check::at_least("points of a key frame", key.cloud.len(), raw.params.min_points.min(2))?;
+            check::at_least("points of a key frame", key.cloud.len(), 1)?;
             map.places.describe_into(&key.cloud, &mut context);
             map.places.push(&context);
         }

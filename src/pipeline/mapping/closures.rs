@@ -51,7 +51,9 @@ pub(super) fn verify<R: Registration>(
     let last = map.keys.len().saturating_sub(1);
     let around = anchor.saturating_sub(loops.neighbours)..(anchor + loops.neighbours + 1).min(last);
     target.clear();
-    for index in around {
+    // What was seen just now is no place from before.
+    let is_old = |index: &usize| map.keys[last].way - map.keys[*index].way >= loops.min_way;
+    for index in around.filter(is_old) {
         map.keys[index].cloud.transform_into(&poses[anchor].between(&poses[index]), moved);
         target.append(moved)?;
     }
@@ -79,6 +81,7 @@ fn closure(found: &Alignment<Se3>, from: usize, to: usize, params: &KeyFramePara
     let information = Se3::inverse_of(&covariance)?;
     let information = (information + information.transpose()) * 0.5;
     let information = observed_information::<Se3>(&information, &found.unobserved) + found.unobserved * NEXT_TO_NONE;
+    Se3::check_covariance("information", &information).ok()?;
     let (from, to, inlier_ratio) = (from as u32, to as u32, found.inlier_ratio);
     Some(Closure { from, to, from_from_to: found.target_from_source, information, inlier_ratio })
 }
@@ -129,23 +132,23 @@ impl KeyFrameMap {
     }
 
     /// Finds to believe, now that there is one more: itself where it was expected, or with others that agree. If it has to wait, none.
-    pub(super) fn believed(&mut self, closure: Closure) -> Vec<Closure> {
+    pub(super) fn believed(&mut self, closure: &Closure) -> Vec<Closure> {
         let (poses, keys, loops) = (self.graph.poses(), &self.keys, &self.params.loops);
         let way = self.way;
         self.pending.retain(|other| way - keys[other.to as usize].way <= PATIENCE);
-        let (Some(claim), Some(here)) = (claimed(&closure, poses), poses.last()) else { return Vec::new() };
+        let (Some(claim), Some(here)) = (claimed(closure, poses), poses.last()) else { return Vec::new() };
         if agree(&claim, here, loops.agreement) {
-            return vec![closure];
+            return vec![*closure];
         }
         let seconds = |other: &Closure| {
             other.to != closure.to && claimed(other, poses).is_some_and(|other| agree(&claim, &other, loops.agreement))
         };
         if self.pending.iter().filter(|other| seconds(other)).count() + 1 < loops.confirmations {
-            self.pending.push(closure);
+            self.pending.push(*closure);
             return Vec::new();
         }
         let mut believed: Vec<Closure> = self.pending.extract_if(.., |other| seconds(other)).collect();
-        believed.push(closure);
+        believed.push(*closure);
         believed
     }
 }

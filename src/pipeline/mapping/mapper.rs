@@ -37,7 +37,7 @@ pub struct KeyFrameStep {
 ///
 /// Key frames follow the odometry's motion: standing still makes none. Clouds with times are straightened by the motion since the last
 /// one. A cloud that becomes a key frame costs a few registrations, and a closure solves the graph; others next to nothing. Memory
-/// grows by [`max_points`](KeyFrameParams::max_points) a key frame at most. Deterministic, for any number of threads of the parts.
+/// grows by [`max_points`](KeyFrameParams::max_points) a key frame at most, and by a pose a cloud. Deterministic, for any number of threads of the parts.
 ///
 /// ```
 /// use agv_core::{nalgebra::Vector3, roles::LidarOdometry, sensors::PointCloud};
@@ -155,8 +155,7 @@ impl<R: Registration> KeyFrameMapper<R> {
         (self.map.way, self.map.doubt) = (way, doubt);
         let number = self.map.keys.len().saturating_sub(1) as u32;
         self.map.trajectory.push(Place { stamp, key: number, key_from_base: *key_from_base.mean() });
-        let mut made = None;
-        let mut closures = 0;
+        let (mut made, mut closures) = (None, None);
         if let Some(key) = key {
             made = Some(self.add(key, &key_from_base)?);
             closures = self.close_loops()?;
@@ -165,8 +164,8 @@ impl<R: Registration> KeyFrameMapper<R> {
             map_from_base: self.map.map_from_base(),
             map_from_odom: self.map.map_from_odom(),
             key: made,
-            closures,
-            corrected: closures > 0,
+            closures: closures.unwrap_or(0),
+            corrected: closures.is_some(),
         })
     }
 
@@ -227,8 +226,8 @@ impl<R: Registration> KeyFrameMapper<R> {
         Ok(number)
     }
 
-    /// Seeks closures of the last key frame; how many are believed and do not contradict the rest.
-    fn close_loops(&mut self) -> Result<usize, Error> {
+    /// Seeks closures of the last key frame; how many are believed and do not contradict the rest, none if no pose was corrected.
+    fn close_loops(&mut self) -> Result<Option<usize>, Error> {
         let mut found: Vec<Closure> = Vec::new();
         let Self { map, registration, scratch, .. } = self;
         let Scratch { source, target, moved, context, matches, .. } = scratch;
@@ -240,24 +239,33 @@ impl<R: Registration> KeyFrameMapper<R> {
                 found.extend(verify(map, registration, source, &candidate, target, moved)?);
             }
         }
-        let Some(closure) = self.map.unambiguous(&found) else { return Ok(0) };
-        if !self.map.explains(&mut self.solver, &closure)? {
-            return Ok(0);
+        let Some(closure) = map.unambiguous(&found) else { return Ok(None) };
+        if !map.explains(&mut self.solver, &closure)? {
+            return Ok(None);
         }
-        let believed = self.map.believed(closure);
+        let believed = map.believed(&closure);
+        for Closure { from, to, from_from_to, information, .. } in &believed {
+            let relation = Relation::new(PoseId(*from), PoseId(*to), *from_from_to, *information);
+            map.graph.add_relation(relation.with_kernel(KERNEL))?;
+            map.closed.insert((*from, *to));
+        }
         if believed.is_empty() {
-            return Ok(0);
+            return Ok(None);
         }
-        for closure in &believed {
-            let (from, to) = (PoseId(closure.from), PoseId(closure.to));
-            let relation = Relation::new(from, to, closure.from_from_to, closure.information).with_kernel(KERNEL);
-            self.map.graph.add_relation(relation)?;
-            self.map.closed.insert((closure.from, closure.to));
+        let pairs: Vec<_> = believed.iter().map(|closure| (closure.from, closure.to)).collect();
+        self.solve().inspect_err(|_| {
+            // As if they had not been found.
+            let KeyFrameMap { graph, closed, .. } = &mut self.map;
+            graph.retain_relations(|relation| {
+                relation.kernel != KERNEL || !pairs.contains(&(relation.from.0, relation.to.0))
+            });
+            closed.retain(|pair| !pairs.contains(pair));
+        })?;
+        let kept = pairs.iter().filter(|pair| self.map.closed.contains(pair)).count();
+        if kept > 0 {
+            self.map.doubt = 0.0;
         }
-        self.map.doubt = 0.0;
-        let before = self.map.closed.len();
-        self.solve()?;
-        Ok((believed.len() + self.map.closed.len()).saturating_sub(before))
+        Ok(Some(kept))
     }
 
     /// Moves all poses to where the relations fit best, and takes out closures that contradict the rest.

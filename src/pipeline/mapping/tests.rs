@@ -32,15 +32,15 @@ fn at(x: f64) -> Se3 {
     Se2::new(x, 0.0, 0.0).into()
 }
 
-fn mapper(params: KeyFrameParams) -> KeyFrameMapper<NdtRegistration> {
-    KeyFrameMapper::new(NdtRegistration::new(NdtParams::default()).unwrap(), params).unwrap()
+fn mapper(params: &KeyFrameParams) -> KeyFrameMapper<NdtRegistration> {
+    KeyFrameMapper::new(NdtRegistration::new(NdtParams::default()).unwrap(), *params).unwrap()
 }
 
 #[test]
 fn key_frames_follow_the_motion() {
     let start = Se3::from(Se2::new(2.0, 3.0, 0.3));
     let params = KeyFrameParams { time: Some(5.0), ..KeyFrameParams::default() };
-    let mut mapper = mapper(params);
+    let mut mapper = mapper(&params);
     let mut go =
         |pose: Se3, seconds: f64| mapper.process(&step(pose), &seen(&start.compose(&pose), seconds)).unwrap().key;
     assert_eq!(go(at(0.0), 0.0), Some(0));
@@ -60,7 +60,7 @@ fn key_frames_follow_the_motion() {
 #[test]
 fn a_place_that_is_met_again_corrects_the_way() {
     let params = KeyFrameParams { loops: LoopParams { min_way: 8.0, ..Default::default() }, ..Default::default() };
-    let mut mapper = mapper(params);
+    let mut mapper = mapper(&params);
     let (start, mut closures, mut last) = (Se3::from(Se2::new(2.0, 3.0, 0.0)), 0, None);
     for i in 0..20_i32 {
         let x = f64::from(if i < 10 { i } else { 18 - i }).max(0.0);
@@ -100,7 +100,7 @@ fn what_clouds_do_not_see_is_left_open() {
 
 #[test]
 fn bad_input_is_refused_and_changes_nothing() {
-    let mut mapper = mapper(KeyFrameParams::default());
+    let mut mapper = mapper(&KeyFrameParams::default());
     for i in 0..3 {
         mapper.process(&step(at(f64::from(i))), &seen(&at(3.0 + f64::from(i)), f64::from(i))).unwrap();
     }

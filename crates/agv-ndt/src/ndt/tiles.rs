@@ -80,7 +80,7 @@ impl NdtTile {
 /// let mut shelf = tiles.unload_beyond(&Vector2::new(8.0, 1.0), 20.0);
 /// assert_eq!(tiles.missing_within(&Vector2::new(60.0, 1.0), 5.0), [[3, 0], [4, 0]]);
 /// while let Some(tile) = shelf.pop() {
-///     tiles.load(tile)?;
+///     tiles.load(&tile)?;
 /// }
 /// let mut whole = NdtMap::new(VoxelParams::default())?;
 /// whole.insert(&floor, &Se3::default());
@@ -241,32 +241,34 @@ impl NdtTiles {
         }
     }
 
-    /// Puts a tile away: who keeps it may [`load`](Self::load) it again. `None` if it is not here.
+    /// Puts a tile away: who keeps it may [`load`](Self::load) it again. `None` if it is not here, or if a part of it is away already:
+    /// that is to be loaded first.
     pub fn unload(&mut self, index: [i32; 2]) -> Option<NdtTile> {
+        if self.away.contains(&index) {
+            return None;
+        }
         let map = self.loaded.remove(&index)?;
-        let tile_voxels = self.tile_voxels;
-        // A second part of a tile that is away already: the caller has two to bring back.
         self.away.insert(index);
-        Some(NdtTile { index, tile_voxels, map })
+        Some(NdtTile { index, tile_voxels: self.tile_voxels, map })
     }
 
     /// Takes back a tile that is away; points that were added at its place since then are kept.
     ///
     /// # Errors
     /// [`Error::TileNotAway`] for a tile that would count twice, and as [`merge_tile`](Self::merge_tile); the map is then as it was.
-    pub fn load(&mut self, tile: NdtTile) -> Result<(), Error> {
+    pub fn load(&mut self, tile: &NdtTile) -> Result<(), Error> {
         let [x, y] = tile.index;
         if !self.away.contains(&tile.index) {
             return Err(Error::TileNotAway { x, y });
         }
-        self.merge_tile(&tile)?;
+        self.merge_tile(tile)?;
         self.away.remove(&tile.index);
         Ok(())
     }
 
     /// Puts away all tiles that are farther than `radius` metres from a place. Tiles of which a part is away already stay.
     pub fn unload_beyond(&mut self, center: &Vector2<f64>, radius: f64) -> Vec<NdtTile> {
-        let far = |index: &[i32; 2]| !self.is_within(*index, center, radius) && !self.away.contains(index);
+        let far = |index: &[i32; 2]| !self.is_within(*index, center, radius);
         let beyond: Vec<_> = self.loaded.keys().copied().filter(far).collect();
         beyond.into_iter().filter_map(|index| self.unload(index)).collect()
     }
@@ -357,7 +359,7 @@ mod tests {
             for tile in away.into_iter().rev() {
                 prop_assert_eq!(needed.pop(), Some(tile.index()));
                 prop_assert!(tile.map().voxels().all(|(cell, _)| tile_of(cell, tile_voxels) == tile.index()));
-                tiles.load(tile).unwrap();
+                tiles.load(&tile).unwrap();
             }
             prop_assert_eq!(tiles.assembled(), whole);
             prop_assert_eq!(tiles.away().count(), 0);
@@ -407,9 +409,13 @@ mod tests {
         assert_eq!(tiles.unload([99, 0]), None);
         let tile = tiles.unload([0, 0]).unwrap();
         assert_eq!(tiles.away().collect::<Vec<_>>(), [[0, 0]]);
-        tiles.load(tile.clone()).unwrap();
+        tiles.insert(&room(1), &Se3::default());
+        assert_eq!(tiles.unload([0, 0]), None, "a part of it is away");
+        tiles = before.clone();
+        tiles.unload([0, 0]).unwrap();
+        tiles.load(&tile).unwrap();
         assert_eq!(tiles, before);
-        assert_eq!(tiles.load(tile.clone()), Err(Error::TileNotAway { x: 0, y: 0 }));
+        assert_eq!(tiles.load(&tile), Err(Error::TileNotAway { x: 0, y: 0 }));
         let mut others = NdtTiles::new(VoxelParams::default(), 9).unwrap();
         assert!(matches!(others.merge_tile(&tile), Err(Error::MapMismatch { .. })));
         let mut finer = NdtTiles::new(VoxelParams { resolution: 0.5, ..Default::default() }, 8).unwrap();

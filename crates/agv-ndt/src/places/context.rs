@@ -109,7 +109,9 @@ impl ScanContext {
             let square: f32 = heights.iter().map(|height| height * height).sum();
             if square > 0.0 {
                 let scale = 1.0 / square.sqrt();
-                heights.iter_mut().for_each(|height| *height *= scale);
+                for height in heights {
+                    *height *= scale;
+                }
             }
         }
     }
