@@ -13,6 +13,7 @@ mod params;
 mod planar;
 mod registration;
 mod search;
+mod sparse;
 mod tiles;
 
 pub use distributions::DistributionRegistration;
