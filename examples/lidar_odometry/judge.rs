@@ -8,16 +8,42 @@ use agv_nav::core::{
 };
 use agv_support::cli::Report;
 
-/// Errors over the scans that have a reference: each step's, that of the last pose with the first aligned, and the root mean square of
-/// the positions after the best rigid alignment.
-pub(crate) fn errors(drive: &Drive, poses: &[Se3], report: &mut Report) -> Result<()> {
-    let pairs: Vec<_> = std::iter::zip(&drive.truth, poses)
+/// How far a trajectory is off as a whole.
+pub(crate) struct TrajectoryErrors {
+    /// Of the last pose with the first aligned, in metres and degrees.
+    pub(crate) end: (f64, f64),
+    /// Greatest with the first pose aligned, in metres.
+    pub(crate) worst: f64,
+    /// Root mean square of the positions after the best rigid alignment, in metres.
+    pub(crate) ate: f64,
+}
+
+/// The scans that have a reference.
+fn pairs(drive: &Drive, poses: &[Se3]) -> Vec<PosePair<Se3>> {
+    std::iter::zip(&drive.truth, poses)
         .enumerate()
         .filter_map(|(index, (truth, &estimate))| {
             Some(PosePair { stamp: Stamp::from_seconds(index as f64), reference: (*truth)?, estimate })
         })
-        .collect();
-    let (Some(first), Some(last)) = (pairs.first(), pairs.last()) else { return Ok(()) };
+        .collect()
+}
+
+/// Errors over the scans that have a reference; none without any.
+pub(crate) fn trajectory(drive: &Drive, poses: &[Se3]) -> Result<Option<TrajectoryErrors>> {
+    let pairs = pairs(drive, poses);
+    let (Some(first), Some(last)) = (pairs.first(), pairs.last()) else { return Ok(None) };
+    let end = first.reference.between(&last.reference).between(&first.estimate.between(&last.estimate));
+    Ok(Some(TrajectoryErrors {
+        end: (end.distance(), end.angle().to_degrees()),
+        worst: absolute_error(&pairs, TrajectoryAlignment::FirstPose)?.translation.max(),
+        ate: absolute_error(&pairs, TrajectoryAlignment::Rigid)?.translation.rmse(),
+    }))
+}
+
+/// Reports the odometry's errors: each step's, and those of the trajectory.
+pub(crate) fn errors(drive: &Drive, poses: &[Se3], report: &mut Report) -> Result<()> {
+    let Some(errors) = trajectory(drive, poses)? else { return Ok(()) };
+    let pairs = pairs(drive, poses);
     let path = pairs.windows(2).map(|pair| pair[0].reference.between(&pair[1].reference).distance()).sum();
     report.number("path_m", path);
     if pairs.len() > 1 {
@@ -28,12 +54,10 @@ pub(crate) fn errors(drive: &Drive, poses: &[Se3], report: &mut Report) -> Resul
             .number("step_rotation_error_median_deg", step.rotation.median().to_degrees())
             .number("step_rotation_error_p95_deg", step.rotation.percentile(95.0).to_degrees());
     }
-    let end = first.reference.between(&last.reference).between(&first.estimate.between(&last.estimate));
-    let from_first = absolute_error(&pairs, TrajectoryAlignment::FirstPose)?;
     report
-        .number("end_error_m", end.distance())
-        .number("end_error_deg", end.angle().to_degrees())
-        .number("worst_error_m", from_first.translation.max())
-        .number("ate_rmse_m", absolute_error(&pairs, TrajectoryAlignment::Rigid)?.translation.rmse());
+        .number("end_error_m", errors.end.0)
+        .number("end_error_deg", errors.end.1)
+        .number("worst_error_m", errors.worst)
+        .number("ate_rmse_m", errors.ate);
     Ok(())
 }

@@ -29,7 +29,7 @@ const SPEED: f64 = 2.0;
 /// Step of the simulation, in seconds.
 const DT: f64 = 0.02;
 
-/// Most steps: beyond it the vehicle is stuck.
+/// Most steps, of which a lap has at most twice as many: beyond it the vehicle is stuck.
 const STEPS: usize = 3000;
 
 pub(crate) fn drive(args: &Args) -> Result<Drive> {
@@ -38,7 +38,19 @@ pub(crate) fn drive(args: &Args) -> Result<Drive> {
     let along = factory.aisle_length();
     let at = |aisle: usize, x: f64| -> Vector2<f64> { factory.aisles()[aisle].translation() + Vector2::new(x, 0.0) };
     let start = at(1, along - STRETCH);
-    let way = [at(1, along), at(1, along + 1.5), at(2, along + 1.5), at(2, along), at(2, along - STRETCH)];
+    let turn = [at(1, along), at(1, along + 1.5), at(2, along + 1.5), at(2, along)];
+    let back = [at(2, 0.0), at(2, -1.5), at(1, -1.5), at(1, 0.0)];
+    let (way, steps) = if let Some(laps) = args.laps {
+        // All round, to where it began and some metres on.
+        let lap = turn.iter().chain(&back).copied().collect::<Vec<_>>();
+        (
+            lap.repeat(usize::from(laps)).into_iter().chain([start + Vector2::new(0.5 * STRETCH, 0.0)]).collect(),
+            usize::from(laps) * 2 * STEPS,
+        )
+    } else {
+        let seconds = check::positive("seconds", args.seconds)?;
+        ([&turn[..], &[at(2, along - STRETCH)]].concat(), STEPS.min((seconds / DT) as usize))
+    };
     let lidar = match args.lines {
         Lines::L16 => LidarParams::vlp16(),
         Lines::L32 => LidarParams::hdl32(),
@@ -50,7 +62,7 @@ pub(crate) fn drive(args: &Args) -> Result<Drive> {
     let mut simulator = Simulator3d::new(factory.world(), vehicle, DT)?.with_lidar(lidar)?;
     let mut drive = Drive { scans: Vec::new(), truth: Vec::new() };
     let mut next = 0;
-    for _ in 0..STEPS.min(check::positive("seconds", args.seconds).map(|s| (s / DT) as usize)?) {
+    for _ in 0..steps {
         let here = simulator.vehicle().truth().map_from_base;
         let ahead = way[next] - here.translation();
         if ahead.norm() < 0.7 {

@@ -7,6 +7,7 @@ use agv_nav::ndt::{
     loam::{LoamOdometry, LoamParams, LoamSolve, LoamTarget},
     ndt::{NdtParams, NdtRegistration},
     odometry::{Follow, FollowParams},
+    places::{ScanContext, ScanContextParams, ScanContexts},
     preprocess::{GroundFilter, GroundParams, OutlierFilter, OutlierParams},
 };
 use agv_sim::{CloudPair, LidarParams};
@@ -45,6 +46,24 @@ fn registrations() {
     assert_eq!(count_again(&mut Follow::new(ndt, params).unwrap(), clouds::pair()), 0);
     let generalized = PointRegistration::new(PointParams::default()).unwrap();
     assert_eq!(count_again(&mut Follow::new(generalized, params).unwrap(), clouds::pair()), 0);
+}
+
+#[test]
+fn places() {
+    let clouds = clouds::pair();
+    let mut places = ScanContexts::new(ScanContextParams::default()).unwrap();
+    let (mut here, mut found) = (ScanContext::default(), Vec::new());
+    for _ in 0..20 {
+        places.describe_into(&clouds.target, &mut here);
+        places.push(&here);
+    }
+    let mut once = || {
+        places.describe_into(&clouds.source, &mut here);
+        places.find_into(&here, |place| place % 2 == 0, &mut found);
+        assert_eq!(found.len(), 10);
+    };
+    once();
+    assert_eq!(counter::count(once), 0);
 }
 
 #[test]

@@ -7,6 +7,7 @@ mod frames;
 mod gaussian;
 mod grids;
 mod localization;
+mod mapping;
 mod params;
 mod sensors;
 mod states;

@@ -9,6 +9,7 @@ mod grids;
 mod lidar_odometry;
 mod local_planning;
 mod localization;
+mod mapping;
 mod particle_models;
 mod planning;
 mod registration;

@@ -17,6 +17,14 @@ pub enum Error {
         /// Its value in the second map.
         right: f64,
     },
+    /// A tile that is to be loaded is not away: its points would count twice.
+    #[error("tile ({x}, {y}) was not unloaded, or is loaded already")]
+    TileNotAway {
+        /// Its index along x.
+        x: i32,
+        /// Its index along y.
+        y: i32,
+    },
 }
 
 impl From<Error> for agv_core::roles::AlignmentError {
@@ -25,6 +33,10 @@ impl From<Error> for agv_core::roles::AlignmentError {
             Error::Core(error) => Self::Invalid(error),
             Error::MapMismatch { name, left, right } => {
                 Self::Invalid(agv_core::Error::LayoutMismatch { name, left, right })
+            }
+            Error::TileNotAway { x, y } => {
+                let (x, y) = (f64::from(x), f64::from(y));
+                Self::Invalid(agv_core::Error::OutsideGrid { x, y })
             }
         }
     }

@@ -18,7 +18,9 @@
 //! | a map, odometry, and clouds | [`ndt::NdtLocalizer`] |
 //! | laser scans | [`ndt::NdtScanMatcher`] |
 //! | clouds, and planners in the plane | [`convert::CloudToGrid`], [`convert::CloudToScan`] |
+//! | a place that was met before, wherever odometry believes to be | [`places::ScanContexts`] |
 //! | a map of many vehicles' clouds | [`ndt::NdtMap`], which merges in any order to the same bits |
+//! | a map that is larger than memory | [`ndt::NdtTiles`], which loads and unloads squares of it |
 //!
 //! # Usage
 //! ```
@@ -56,6 +58,7 @@ pub mod gicp;
 pub mod loam;
 pub mod ndt;
 pub mod odometry;
+pub mod places;
 pub mod preprocess;
 pub mod registration;
 #[cfg(test)]

@@ -96,7 +96,12 @@ impl NdtMap {
     /// not from 0.1 mm to the resolution.
     pub fn new(params: VoxelParams) -> Result<Self, Error> {
         params.validate()?;
-        Ok(Self { params, table: CellTable::default(), cells: Vec::new(), sums: Vec::new() })
+        Ok(Self::alike(&params))
+    }
+
+    /// A map without points, of parameters that were accepted before.
+    pub(super) fn alike(params: &VoxelParams) -> Self {
+        Self { params: *params, table: CellTable::default(), cells: Vec::new(), sums: Vec::new() }
     }
 
     /// The parameters.
@@ -153,6 +158,15 @@ impl NdtMap {
     /// # Errors
     /// [`Error::MapMismatch`]; the map is then as it was.
     pub fn merge(&mut self, other: &Self) -> Result<(), Error> {
+        self.check_like(other)?;
+        for (cell, sums) in other.voxels() {
+            self.merge_voxel(cell, sums);
+        }
+        Ok(())
+    }
+
+    /// Accepts a map of the same parameters.
+    pub(super) fn check_like(&self, other: &Self) -> Result<(), Error> {
         let (own, theirs) = (&self.params, &other.params);
         for (name, left, right) in [
             ("resolution", own.resolution, theirs.resolution),
@@ -164,12 +178,14 @@ impl NdtMap {
                 return Err(Error::MapMismatch { name, left, right });
             }
         }
-        for (cell, sums) in other.cells.iter().zip(&other.sums) {
-            if let Some(slot) = self.voxel_mut(*cell) {
-                slot.merge(sums);
-            }
-        }
         Ok(())
+    }
+
+    /// Adds all points of a voxel.
+    pub(super) fn merge_voxel(&mut self, cell: [i32; 3], sums: &VoxelSums) {
+        if let Some(slot) = self.voxel_mut(cell) {
+            slot.merge(sums);
+        }
     }
 
     /// Keeps the voxels that `keep` says, as a sliding map or one of tiles does. Linear in the voxels.

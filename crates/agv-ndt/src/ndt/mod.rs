@@ -14,6 +14,7 @@ mod planar;
 mod registration;
 mod search;
 mod sparse;
+mod tiles;
 
 pub use distributions::DistributionRegistration;
 pub use gaussian::{Gaussian3, VoxelParams, VoxelSums};
@@ -23,3 +24,4 @@ pub use params::NdtParams;
 pub use planar::{NdtScanMatcher, NdtScanMatcherParams};
 pub use registration::{NdtRegistration, NdtReport};
 pub use search::VoxelSearch;
+pub use tiles::{NdtTile, NdtTiles};

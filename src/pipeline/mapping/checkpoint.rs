@@ -1,0 +1,72 @@
+//! A map as it is stored, before it is checked.
+
+use super::{
+    KeyFrame, KeyFrameMap, KeyFrameParams,
+    closures::Closure,
+    map::{Place, Tracked},
+};
+use crate::Error;
+use agv_core::{check, geometry::Se3};
+use agv_filters::graph::PoseGraph;
+use agv_ndt::places::ScanContext;
+use std::collections::BTreeSet;
+
+#[derive(serde::Deserialize)]
+pub(super) struct RawMap {
+    params: KeyFrameParams,
+    keys: Vec<KeyFrame>,
+    graph: PoseGraph<Se3>,
+    trajectory: Vec<Place>,
+    tracked: Option<Tracked>,
+    way: f64,
+    doubt: f64,
+    pending: Vec<Closure>,
+    closed: BTreeSet<(u32, u32)>,
+}
+
+impl TryFrom<RawMap> for KeyFrameMap {
+    type Error = Error;
+
+    fn try_from(raw: RawMap) -> Result<Self, Error> {
+        let mut map = Self::new(raw.params)?;
+        let count = raw.keys.len();
+        check::length("poses of the graph", raw.graph.poses().len(), count)?;
+        let is_there = |name: &'static str, key: u32| {
+            check::in_range(name, f64::from(key), 0.0, count.max(1) as f64 - 1.0).map(|_| ())
+        };
+        raw.trajectory.iter().try_for_each(|place| is_there("key frame of a cloud", place.key))?;
+        for Closure { from, to, from_from_to, information, .. } in &raw.pending {
+            is_there("key frame of a find", *from)?;
+            is_there("key frame of a find", *to)?;
+            check::all_finite("pose of a find", from_from_to.translation().iter())?;
+            check::covariance("information", information)?;
+        }
+        for (from, to) in &raw.closed {
+            is_there("key frame of a closure", *from)?;
+            is_there("key frame of a closure", *to)?;
+        }
+        if count > 0 && raw.tracked.is_none() {
+            return Err(agv_core::Error::Empty { name: "tracked" }.into());
+        }
+        check::non_negative("way", raw.way)?;
+        check::non_negative("doubt", raw.doubt)?;
+        let mut context = ScanContext::default();
+        for key in &raw.keys {
+            check::in_range("way of a key frame", key.way, 0.0, raw.way)?;
+            check::at_least("points of a key frame", key.cloud.len(), 1)?;
+            map.places.describe_into(&key.cloud, &mut context);
+            map.places.push(&context);
+        }
+        Ok(Self {
+            keys: raw.keys,
+            graph: raw.graph,
+            trajectory: raw.trajectory,
+            tracked: raw.tracked,
+            way: raw.way,
+            doubt: raw.doubt,
+            pending: raw.pending,
+            closed: raw.closed,
+            ..map
+        })
+    }
+}

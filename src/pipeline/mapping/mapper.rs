@@ -1,0 +1,307 @@
+//! The mapper: one cloud after the other.
+
+use super::{
+    KeyFrame, KeyFrameMap, KeyFrameParams,
+    closures::{CONTRADICTION, Closure, KERNEL, verify},
+    drift::{unseen, variances},
+    map::{Place, Tracked},
+};
+use crate::Error;
+use agv_core::{
+    check,
+    geometry::{LieGroup, Se3, Twist3, UncertainPose},
+    roles::{LidarOdometryStep, Registration},
+    sensors::{ConstantTwist, Deskew, PointCloud, VoxelGrid},
+    solve::LevenbergMarquardtParams,
+};
+use agv_filters::graph::{PoseGraphSolver, PoseGraphSolverParams, PoseId, Relation};
+use agv_ndt::places::{PlaceMatch, ScanContext};
+
+/// What the mapper made of a cloud.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[non_exhaustive]
+pub struct KeyFrameStep {
+    /// Where the vehicle is.
+    pub map_from_base: Se3,
+    /// What to correct the odometry by, from now on.
+    pub map_from_odom: Se3,
+    /// The key frame that the cloud became.
+    pub key: Option<usize>,
+    /// Loop closures that were believed with it.
+    pub closures: usize,
+    /// Whether the poses of the map were corrected, as they are after each closure.
+    pub corrected: bool,
+}
+
+/// Makes a map of key frames out of lidar odometry, and closes its loops; see the [module](super).
+///
+/// Key frames follow the odometry's motion: standing still makes none. Clouds with times are straightened by the motion since the last
+/// one. A cloud that becomes a key frame costs a few registrations, and a closure solves the graph; others next to nothing. Memory
+/// grows by [`max_points`](KeyFrameParams::max_points) a key frame at most, and by a pose a cloud. Deterministic, for any number of threads of the parts.
+///
+/// ```
+/// use agv_core::{nalgebra::Vector3, roles::LidarOdometry, sensors::PointCloud};
+/// use agv_nav::ndt::{loam::{LoamOdometry, LoamParams}, ndt::{NdtParams, NdtRegistration, VoxelParams}};
+/// use agv_nav::pipeline::mapping::{KeyFrameMapper, KeyFrameParams};
+///
+/// let sheet = |f: fn(f32, f32) -> [f32; 3]| (0..10_000).map(move |i| f((i % 100) as f32 * 0.1 - 5.0, (i / 100) as f32 * 0.1 - 5.0));
+/// let hall: Vec<_> = sheet(|a, b| [a, b, -1.0]).chain(sheet(|a, b| [a, -5.0, b + 4.0])).chain(sheet(|a, b| [5.0, a, b + 4.0])).collect();
+/// let seen_from = |x: f32| PointCloud::from_points(hall.iter().map(|p| Vector3::from(*p) - Vector3::new(x, 0.0, 0.0)));
+///
+/// let mut odometry = LoamOdometry::new(LoamParams::default())?;
+/// let mut mapper = KeyFrameMapper::new(NdtRegistration::new(NdtParams::default())?, KeyFrameParams::default())?;
+/// for i in 0..8 {
+///     let cloud = seen_from(0.2 * i as f32);
+///     let step = odometry.process(&cloud, None)?;
+///     mapper.process(&step, &cloud)?;
+/// }
+/// assert_eq!(mapper.map().key_frames().len(), 2);
+/// let tiles = mapper.map().tiles(VoxelParams::default(), 32)?;
+/// assert_eq!(tiles.loaded().count(), 4);
+/// # Ok::<(), Box<dyn std::error::Error>>(())
+/// ```
+#[derive(Debug)]
+pub struct KeyFrameMapper<R> {
+    map: KeyFrameMap,
+    registration: R,
+    solver: PoseGraphSolver<Se3>,
+    scratch: Scratch,
+}
+
+/// What is written anew for each key frame.
+#[derive(Debug)]
+struct Scratch {
+    grid: VoxelGrid,
+    source_grid: VoxelGrid,
+    straight: PointCloud,
+    thinned: PointCloud,
+    source: PointCloud,
+    target: PointCloud,
+    moved: PointCloud,
+    context: ScanContext,
+    matches: Vec<PlaceMatch>,
+}
+
+impl<R: Registration> KeyFrameMapper<R> {
+    /// A mapper without a cloud, whose loops are verified by a registration.
+    ///
+    /// # Errors
+    /// A parameter out of its range, by name.
+    pub fn new(registration: R, params: KeyFrameParams) -> Result<Self, Error> {
+        Self::resume(registration, KeyFrameMap::new(params)?)
+    }
+
+    /// A mapper that goes on with a map: with the same registration, to the same bits as if it had not stopped.
+    ///
+    /// # Errors
+    /// None that a map that was accepted has.
+    pub fn resume(registration: R, map: KeyFrameMap) -> Result<Self, Error> {
+        let solver = PoseGraphSolverParams::default();
+        let descent = LevenbergMarquardtParams { cost_tolerance: 1e-6, max_iterations: 20, ..solver.descent };
+        let scratch = Scratch {
+            grid: VoxelGrid::new(map.params.leaf as f32)?,
+            source_grid: VoxelGrid::new(map.params.source_leaf as f32)?,
+            straight: PointCloud::default(),
+            thinned: PointCloud::default(),
+            source: PointCloud::default(),
+            target: PointCloud::default(),
+            moved: PointCloud::default(),
+            context: ScanContext::default(),
+            matches: Vec::new(),
+        };
+        let solver = PoseGraphSolver::new(PoseGraphSolverParams { descent, ..solver })?;
+        Ok(Self { map, registration, solver, scratch })
+    }
+
+    /// What it knows.
+    pub const fn map(&self) -> &KeyFrameMap {
+        &self.map
+    }
+
+    /// What it knew in the end.
+    pub fn into_map(self) -> KeyFrameMap {
+        self.map
+    }
+
+    /// Takes a cloud and what the odometry made of it.
+    ///
+    /// # Errors
+    /// A pose that is not finite, or a stamp before the last one: the map is then as it was. What the registration refuses, and a graph
+    /// that memory has no room for: the cloud is then taken in, but closes no loop.
+    pub fn process(&mut self, step: &LidarOdometryStep, cloud: &PointCloud) -> Result<KeyFrameStep, Error> {
+        let (stamp, odom_from_base) = (cloud.stamp(), step.odom_from_base);
+        check::all_finite("odom_from_base", odom_from_base.translation().iter())?;
+        check::all_finite("odom_from_base", odom_from_base.rotation().matrix().iter())?;
+        let mut twist = None;
+        let mut key_from_base = UncertainPose::exact(odom_from_base);
+        let (mut way, mut doubt) = (self.map.way, self.map.doubt);
+        if let Some(last) = &self.map.tracked {
+            if stamp < last.stamp {
+                let (earlier_ns, later_ns) = (last.stamp.nanoseconds(), stamp.nanoseconds());
+                return Err(agv_core::Error::TimeBackwards { earlier_ns, later_ns }.into());
+            }
+            let motion = last.odom_from_base.between(&odom_from_base);
+            check::all_finite("motion", motion.translation().iter())?;
+            twist = velocity(&motion, stamp - last.stamp, cloud);
+            key_from_base = last.key_from_base.compose(&self.map.params.drift.of(&motion, step.alignment.as_ref()));
+            let moved = motion.translation().norm();
+            way += moved;
+            doubt += moved * self.map.params.loops.growth.max(unseen(step.alignment.as_ref()).trace().min(1.0));
+        }
+        let is_key = self.is_key(&key_from_base, stamp);
+        let key = is_key.then(|| self.prepare(cloud, twist)).transpose()?.flatten();
+        // Nothing fails from here on but sums that overflow.
+        self.map.tracked = Some(Tracked { stamp, odom_from_base, key_from_base });
+        (self.map.way, self.map.doubt) = (way, doubt);
+        let number = self.map.keys.len().saturating_sub(1) as u32;
+        self.map.trajectory.push(Place { stamp, key: number, key_from_base: *key_from_base.mean() });
+        let (mut made, mut closures) = (None, None);
+        if let Some(key) = key {
+            made = Some(self.add(key, &key_from_base)?);
+            closures = self.close_loops()?;
+        }
+        Ok(KeyFrameStep {
+            map_from_base: self.map.map_from_base(),
+            map_from_odom: self.map.map_from_odom(),
+            key: made,
+            closures: closures.unwrap_or(0),
+            corrected: closures.is_some(),
+        })
+    }
+
+    /// Whether the vehicle has come far enough for a key frame.
+    fn is_key(&self, key_from_base: &UncertainPose<Se3>, stamp: agv_core::time::Stamp) -> bool {
+        let Some(last) = self.map.keys.last() else { return true };
+        let KeyFrameParams { distance, turn, time, .. } = self.map.params;
+        let motion = key_from_base.mean();
+        let share = (motion.translation().norm() / distance).max(motion.rotation().log().norm() / turn);
+        let is_late = time.is_some_and(|time| stamp - last.cloud.stamp() >= time);
+        share >= if is_late { 0.1 } else { 1.0 }
+    }
+
+    /// The key frame that a cloud would be; none with too few points.
+    fn prepare(&mut self, cloud: &PointCloud, twist: Option<Twist3>) -> Result<Option<KeyFrame>, Error> {
+        let KeyFrameParams { min_range, max_range, min_points, max_points, .. } = self.map.params;
+        let Scratch { grid, source_grid, straight, thinned, source, context, .. } = &mut self.scratch;
+        if let Some(twist) = twist {
+            Deskew::cloud_into(cloud, &ConstantTwist::spatial(cloud.stamp(), &twist)?, straight);
+        } else {
+            straight.copy_from(cloud);
+        }
+        straight.crop_range(min_range as f32, max_range as f32)?;
+        straight.transform(&cloud.base_from_sensor());
+        grid.filter_into(straight, thinned);
+        if thinned.len() < min_points {
+            return Ok(None);
+        }
+        // Evenly, so that no side is blind.
+        let every = thinned.len().div_ceil(max_points);
+        let cloud = PointCloud::from_points(thinned.points().step_by(every)).with_stamp(cloud.stamp());
+        source_grid.filter_into(&cloud, source);
+        self.map.places.describe_into(&cloud, context);
+        Ok(Some(KeyFrame { cloud, way: 0.0 }))
+    }
+
+    /// Makes a key frame a pose of the graph.
+    fn add(&mut self, key: KeyFrame, key_from_base: &UncertainPose<Se3>) -> Result<usize, Error> {
+        let map = &mut self.map;
+        let number = map.keys.len();
+        let previous = map.graph.poses().last().copied();
+        let here = previous.map_or(*key_from_base.mean(), |key| key.compose(key_from_base.mean()));
+        let to = map.graph.add_pose(here)?;
+        if previous.is_some() {
+            let covariance = key_from_base.covariance() + variances(map.params.drift.floor);
+            let information = Se3::inverse_of(&covariance).unwrap_or_else(agv_core::nalgebra::Matrix6::identity);
+            let information = (information + information.transpose()) * 0.5;
+            let from = PoseId(to.0 - 1);
+            map.graph.add_relation(Relation::new(from, to, *key_from_base.mean(), information))?;
+        }
+        map.keys.push(KeyFrame { way: map.way, ..key });
+        map.places.push(&self.scratch.context);
+        let exact = UncertainPose::exact(Se3::identity());
+        map.tracked = map.tracked.map(|tracked| Tracked { key_from_base: exact, ..tracked });
+        if let Some(place) = map.trajectory.last_mut() {
+            (place.key, place.key_from_base) = (to.0, Se3::identity());
+        }
+        Ok(number)
+    }
+
+    /// Seeks closures of the last key frame; how many are believed and do not contradict the rest, none if no pose was corrected.
+    fn close_loops(&mut self) -> Result<Option<usize>, Error> {
+        let mut found: Vec<Closure> = Vec::new();
+        let Self { map, registration, scratch, .. } = self;
+        let Scratch { source, target, moved, context, matches, .. } = scratch;
+        for candidate in map.around() {
+            found.extend(verify(map, registration, source, &candidate, target, moved)?);
+        }
+        if !found.iter().any(|closure| map.is_expected(closure)) {
+            for candidate in map.look_alikes(context, matches) {
+                found.extend(verify(map, registration, source, &candidate, target, moved)?);
+            }
+        }
+        let Some(closure) = map.unambiguous(&found) else { return Ok(None) };
+        if !map.explains(&mut self.solver, &closure)? {
+            return Ok(None);
+        }
+        let believed = map.believed(&closure);
+        for Closure { from, to, from_from_to, information, .. } in &believed {
+            let relation = Relation::new(PoseId(*from), PoseId(*to), *from_from_to, *information);
+            map.graph.add_relation(relation.with_kernel(KERNEL))?;
+            map.closed.insert((*from, *to));
+        }
+        if believed.is_empty() {
+            return Ok(None);
+        }
+        let pairs: Vec<_> = believed.iter().map(|closure| (closure.from, closure.to)).collect();
+        self.solve().inspect_err(|_| {
+            // As if they had not been found.
+            let KeyFrameMap { graph, closed, .. } = &mut self.map;
+            graph.retain_relations(|relation| {
+                relation.kernel != KERNEL || !pairs.contains(&(relation.from.0, relation.to.0))
+            });
+            closed.retain(|pair| !pairs.contains(pair));
+        })?;
+        let kept = pairs.iter().filter(|pair| self.map.closed.contains(pair)).count();
+        if kept > 0 {
+            self.map.doubt = 0.0;
+        }
+        Ok(Some(kept))
+    }
+
+    /// Moves all poses to where the relations fit best, and takes out closures that contradict the rest.
+    fn solve(&mut self) -> Result<(), Error> {
+        let KeyFrameMap { graph, closed, .. } = &mut self.map;
+        self.solver.optimize(graph)?;
+        let poses = graph.poses().to_vec();
+        let mut removed = false;
+        graph.retain_relations(|relation| {
+            if relation.kernel != KERNEL {
+                return true;
+            }
+            let predicted = poses[relation.from.index()].between(&poses[relation.to.index()]);
+            let error = relation.from_from_to.between(&predicted).log();
+            let keep = error.dot(&(relation.information * error)) <= CONTRADICTION;
+            if !keep {
+                closed.remove(&(relation.from.0, relation.to.0));
+                removed = true;
+            }
+            keep
+        });
+        if removed {
+            self.solver.optimize(graph)?;
+        }
+        Ok(())
+    }
+}
+
+/// The velocity that a cloud of some duration is straightened with, if the motion lasted long enough to tell it.
+fn velocity(motion: &Se3, seconds: f64, cloud: &PointCloud) -> Option<Twist3> {
+    let times = cloud.time()?.iter().map(|time| time.abs()).filter(|time| *time <= 1.0);
+    let sweep = f64::from(times.fold(0.0, f32::max));
+    if seconds <= 0.0 || seconds < 0.5 * sweep {
+        return None;
+    }
+    let tangent = motion.log() / seconds;
+    let (linear, angular) = (tangent.fixed_rows::<3>(0).into_owned(), tangent.fixed_rows::<3>(3).into_owned());
+    Some(Twist3 { linear, angular })
+}

@@ -1,0 +1,167 @@
+use super::*;
+use crate::Error;
+use agv_core::{
+    geometry::{LieGroup, PoseSigma, Se2, Se3, So3},
+    nalgebra::{Matrix6, Vector3, Vector6},
+    roles::{Alignment, LidarOdometryStep, Termination},
+    sensors::PointCloud,
+    time::Stamp,
+};
+use agv_ndt::{
+    ndt::{NdtParams, NdtRegistration, VoxelParams},
+    places::ScanContextParams,
+};
+
+/// Points on floor and walls of a room, on no lattice, seen from a pose.
+fn seen(map_from_base: &Se3, seconds: f64) -> PointCloud {
+    let spread = |i: u32, step: f64| (f64::from(i) * step).fract();
+    let points = (0..4000).flat_map(|i| {
+        let (a, b) = (spread(i, 0.754_877_666_246_7), spread(i, 0.569_840_290_998_1));
+        [[14.0 * a, 9.0 * b, 0.0], [14.0 * a, 0.0, 3.0 * b], [14.0, 9.0 * a, 3.0 * b], [4.0 + 2.0 * a, 6.0, 2.0 * b]]
+    });
+    let base_from_map = map_from_base.inverse();
+    PointCloud::from_points(points.map(|p| base_from_map.act(&Vector3::from(p)).cast()))
+        .with_stamp(Stamp::from_seconds(seconds))
+}
+
+fn step(pose: Se3) -> LidarOdometryStep {
+    LidarOdometryStep { odom_from_base: pose, alignment: None }
+}
+
+fn at(x: f64) -> Se3 {
+    Se2::new(x, 0.0, 0.0).into()
+}
+
+fn mapper(params: &KeyFrameParams) -> KeyFrameMapper<NdtRegistration> {
+    KeyFrameMapper::new(NdtRegistration::new(NdtParams::default()).unwrap(), *params).unwrap()
+}
+
+#[test]
+fn key_frames_follow_the_motion() {
+    let start = Se3::from(Se2::new(2.0, 3.0, 0.3));
+    let params = KeyFrameParams { time: Some(5.0), ..KeyFrameParams::default() };
+    let mut mapper = mapper(&params);
+    let mut go =
+        |pose: Se3, seconds: f64| mapper.process(&step(pose), &seen(&start.compose(&pose), seconds)).unwrap().key;
+    assert_eq!(go(at(0.0), 0.0), Some(0));
+    assert_eq!(go(at(0.0), 100.0), None, "standing still makes none");
+    assert_eq!(go(at(0.9), 101.0), Some(1), "some way, and late");
+    assert_eq!(go(at(1.4), 102.0), None);
+    assert_eq!(go(at(2.0), 103.0), Some(2));
+    assert_eq!(go(at(2.0).compose(&Se2::new(0.0, 0.0, 0.4).into()), 103.0), Some(3), "of the same time, turned");
+    let map = mapper.into_map();
+    assert_eq!((map.key_frames().len(), map.trajectory().len(), map.closures().len()), (4, 6, 0));
+    let poses: Vec<_> = map.trajectory().map(|(_, pose)| pose.translation().x).collect();
+    assert!(poses.iter().zip([0.0, 0.0, 0.9, 1.4, 2.0, 2.0]).all(|(a, b)| (a - b).abs() < 1e-9), "{poses:?}");
+    assert!(map.key_frames().all(|(key, _)| key.cloud().len() <= params.max_points));
+}
+
+/// To the end of the room and back, with an odometry that is a third of a metre off by then: three key frames say so.
+#[test]
+fn a_place_that_is_met_again_corrects_the_way() {
+    let params = KeyFrameParams { loops: LoopParams { min_way: 8.0, ..Default::default() }, ..Default::default() };
+    let mut mapper = mapper(&params);
+    let (start, mut closures, mut last) = (Se3::from(Se2::new(2.0, 3.0, 0.0)), 0, None);
+    for i in 0..20_i32 {
+        let x = f64::from(if i < 10 { i } else { 18 - i }).max(0.0);
+        let aside = 0.02 * f64::from(i);
+        let made = mapper.process(&step(Se2::new(x, aside, 0.0).into()), &seen(&start.compose(&at(x)), f64::from(i)));
+        let made = made.unwrap();
+        closures += made.closures;
+        last = Some(made);
+    }
+    let last = last.unwrap();
+    assert!(closures >= 3 && last.map_from_base.translation().norm() < 0.05, "{closures} {last:?}");
+    assert!((last.map_from_odom.translation().y + 0.36).abs() < 0.06, "{last:?}");
+    assert!(mapper.map().closures().all(|(from, to)| from + 8 <= to));
+    let cloud = mapper.map().thinned_cloud(0.2).unwrap();
+    let walls: Vec<_> = cloud.points().filter(|p| p.z > 0.5 && p.y < -2.8).collect();
+    assert!(walls.len() > 300 && walls.iter().all(|p| (p.y + 3.0).abs() < 0.15), "one wall, not two");
+    assert!(mapper.map().tiles(VoxelParams::default(), 8).unwrap().loaded().count() >= 4);
+}
+
+/// Along a corridor that hides the way, odometry is believed less, and along it only.
+#[test]
+fn what_clouds_do_not_see_is_left_open() {
+    let drift = LidarDrift::default();
+    let mut found = Alignment::unknown(Se3::default(), Termination::Degenerate);
+    let axis = Vector6::new(1.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+    found.unobserved = axis * axis.transpose();
+    let [clear, hidden] = [None, Some(&found)].map(|found| *drift.of(&at(1.0), found).covariance());
+    assert!((hidden[(0, 0)] - clear[(0, 0)] - 0.09).abs() < 1e-9 && hidden[(1, 1)] == clear[(1, 1)]);
+    found.termination = Termination::PoorFit;
+    let lost = *drift.of(&at(1.0), Some(&found)).covariance();
+    assert!((lost[(1, 1)] - clear[(1, 1)] - 0.09).abs() < 1e-9, "{lost}");
+    assert_eq!(*drift.of(&Se3::identity(), None).covariance(), Matrix6::zeros(), "standing still is known");
+    found.unobserved = Matrix6::repeat(f64::NAN);
+    found.termination = Termination::Converged;
+    assert!(drift.of(&at(1.0), Some(&found)).covariance().iter().all(|entry| entry.is_finite()));
+}
+
+#[test]
+fn bad_input_is_refused_and_changes_nothing() {
+    let mut mapper = mapper(&KeyFrameParams::default());
+    for i in 0..3 {
+        mapper.process(&step(at(f64::from(i))), &seen(&at(3.0 + f64::from(i)), f64::from(i))).unwrap();
+    }
+    let before = mapper.map().clone();
+    let cloud = seen(&at(6.0), 3.0);
+    for bad in [f64::NAN, f64::INFINITY] {
+        let nowhere = Se3::from_parts(Vector3::new(bad, 0.0, 0.0), So3::default());
+        assert!(mapper.process(&step(nowhere), &cloud).is_err());
+        let spun = Se3::from_parts(Vector3::zeros(), So3::from_roll_pitch_yaw(bad, 0.0, 0.0));
+        assert!(mapper.process(&step(spun), &cloud).is_err());
+    }
+    let early = mapper.process(&step(at(3.0)), &seen(&at(6.0), 1.5));
+    assert!(matches!(early, Err(Error::Core(agv_core::Error::TimeBackwards { .. }))));
+    assert!(*mapper.map() == before);
+    // Clouds that show nothing make no key frames; the way goes on.
+    let unseen = PointCloud::from_points((0..500).map(|_| Vector3::repeat(f32::NAN)));
+    for (i, blind) in [PointCloud::default(), unseen].into_iter().enumerate() {
+        let (x, seconds) = (4.0 + i as f64, 4.0 + i as f64);
+        let made = mapper.process(&step(at(x)), &blind.with_stamp(Stamp::from_seconds(seconds))).unwrap();
+        assert!(made.key.is_none() && (made.map_from_base.translation().x - x).abs() < 1e-9);
+    }
+    assert_eq!(mapper.map().key_frames().len(), 3);
+    assert!(mapper.map().thinned_cloud(0.0).is_err() && mapper.map().tiles(VoxelParams::default(), 0).is_err());
+}
+
+#[test]
+fn bad_parameters_are_named() {
+    let good = KeyFrameParams::default();
+    assert_eq!(good.validate(), Ok(()));
+    let loops = |change: fn(&mut LoopParams)| {
+        let mut params = good;
+        change(&mut params.loops);
+        params
+    };
+    let none = PoseSigma { translation: 0.0, rotation: 0.1 };
+    for bad in [
+        KeyFrameParams { distance: 0.0, ..good },
+        KeyFrameParams { turn: f64::NAN, ..good },
+        KeyFrameParams { time: Some(0.0), ..good },
+        KeyFrameParams { min_range: -1.0, ..good },
+        KeyFrameParams { min_range: 61.0, ..good },
+        KeyFrameParams { max_range: f64::INFINITY, ..good },
+        KeyFrameParams { leaf: 0.0, ..good },
+        KeyFrameParams { source_leaf: 0.05, ..good },
+        KeyFrameParams { min_points: 9, ..good },
+        KeyFrameParams { max_points: 99, ..good },
+        KeyFrameParams { drift: LidarDrift { floor: none, ..good.drift }, ..good },
+        KeyFrameParams { drift: LidarDrift { unobserved: none, ..good.drift }, ..good },
+        KeyFrameParams { places: ScanContextParams { rings: 0, ..good.places }, ..good },
+        loops(|loops| loops.min_way = -1.0),
+        loops(|loops| loops.least_window = f64::NAN),
+        loops(|loops| loops.growth = -0.1),
+        loops(|loops| loops.window = 0.5),
+        loops(|loops| loops.max_distance = 1.1),
+        loops(|loops| loops.min_inlier_ratio = -0.1),
+        loops(|loops| loops.margin = f64::NAN),
+        loops(|loops| loops.confirmations = 0),
+        loops(|loops| loops.agreement.rotation = 0.0),
+        loops(|loops| loops.gate = 0.0),
+        loops(|loops| loops.floor.translation = f64::INFINITY),
+    ] {
+        assert!(KeyFrameMap::new(bad).is_err(), "{bad:?}");
+    }
+}
