@@ -5,3 +5,4 @@ mod codes;
 mod fusion;
 mod kidnaps;
 mod landmarks;
+mod scan_matchers;

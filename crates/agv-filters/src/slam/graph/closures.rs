@@ -86,7 +86,7 @@ pub(super) fn look_around(
     if matcher.set_points(&target).is_err() {
         return Ok(None);
     }
-    let found = matcher.match_points(points, &poses[anchor].between(map_from_base), window)?;
+    let found = matcher.match_points(points, &poses[anchor].between(map_from_base), window, 0.0)?;
     let believed = found.converged()
         && found.inlier_ratio >= params.closure.min_inlier_ratio
         && found.score >= params.closure.min_score

@@ -290,11 +290,11 @@ impl GraphSlam {
     ) -> Result<(TrackingOutcome, Alignment<Se2>), AlignmentError> {
         let GraphSlamParams { good_fit, matcher, .. } = self.params;
         let front = &mut self.derived.front;
-        let near = front.match_points(points, guess, HERE)?;
+        let near = front.match_points(points, guess, HERE, 0.0)?;
         if near.converged() && near.inlier_ratio >= good_fit {
             return Ok((TrackingOutcome::Matched, near));
         }
-        let found = front.match_points(points, guess, matcher.window)?;
+        let found = front.match_points(points, guess, matcher.window, 0.0)?;
         let worth = |found: &Alignment<Se2>| if found.converged() { found.score } else { -1.0 };
         // Where a corridor has no ends, the search takes any place along it.
         Ok(if worth(&found) > 1.1 * worth(&near) && found.converged() {
