@@ -9,6 +9,7 @@ mod grids;
 mod localization;
 mod params;
 mod sensors;
+mod slam;
 mod states;
 mod table;
 mod tuning;
