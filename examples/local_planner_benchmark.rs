@@ -46,6 +46,9 @@ struct Args {
     /// Local planner
     #[arg(long, value_enum, default_value = "dwa")]
     planner: planners::Planner,
+    /// Let the dynamic window's time follow speed and room (paper 000), for comparison
+    #[arg(long)]
+    adaptive_window: bool,
     #[command(flatten)]
     worlds: worlds::WorldArgs,
     /// Greatest speed, in metres per second

@@ -6,7 +6,7 @@ use agv_nav::{
     core::{compute::Seed, grid::Footprint},
     pipeline::{Navigation, NavigationParams},
     plan::{
-        dwa::{Dwa, DwaParams},
+        dwa::{AdaptiveWindow, Dwa, DwaParams},
         grid::{AStar, AStarParams, GridParams, UnknownCells},
         local::{
             Tracked, TrackedParams,
@@ -77,10 +77,12 @@ fn global() -> Result<Box<dyn GlobalPlanner + Send>> {
     Ok(Box::new(Straightened::new(astar, key_nodes)))
 }
 
-fn local(planner: Planner) -> Result<Box<dyn LocalPlanner + Send>> {
+fn local(planner: Planner, adaptive_window: bool) -> Result<Box<dyn LocalPlanner + Send>> {
     let footprint = footprint()?;
+    let adaptive = adaptive_window.then(AdaptiveWindow::default);
+    let window = DwaParams { adaptive, ..DwaParams::for_footprint(&footprint) };
     Ok(match planner {
-        Planner::Dwa => Box::new(Dwa::new(DwaParams::for_footprint(&footprint))?),
+        Planner::Dwa => Box::new(Dwa::new(window)?),
         Planner::Idwa => {
             // Weights of paper 002, Table 2: heading, speed, obstacles, key node.
             let critics = vec![
@@ -89,7 +91,7 @@ fn local(planner: Planner) -> Result<Box<dyn LocalPlanner + Send>> {
                 Critic::normalized(0.2, BoundedObstacle::default()),
                 Critic::normalized(0.2, KeyNodeDistance),
             ];
-            Box::new(Dwa::with_critics(DwaParams::for_footprint(&footprint), critics)?)
+            Box::new(Dwa::with_critics(window, critics)?)
         }
         Planner::Mppi => Box::new(Mppi::new(MppiParams::for_footprint(&footprint), Seed(0))?),
         Planner::Teb => Box::new(Teb::new(TebParams::for_footprint(footprint))?),
@@ -113,7 +115,7 @@ fn local(planner: Planner) -> Result<Box<dyn LocalPlanner + Send>> {
 }
 
 /// All of it.
-pub(crate) fn navigation(planner: Planner) -> Result<Navigation> {
+pub(crate) fn navigation(planner: Planner, adaptive_window: bool) -> Result<Navigation> {
     let params = NavigationParams { cost_weight: COST_WEIGHT, ..NavigationParams::default() };
-    Ok(Navigation::new(global()?, local(planner)?, footprint()?, params)?)
+    Ok(Navigation::new(global()?, local(planner, adaptive_window)?, footprint()?, params)?)
 }

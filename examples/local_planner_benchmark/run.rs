@@ -159,7 +159,7 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
             .with_moving(trial.moving.clone());
     let known = trial.map.as_ref().filter(|_| args.worlds.known_map);
     let mut sight = Sight::new(&footprint, trial.window, frozen, known)?;
-    let mut navigation = planners::navigation(planner)?;
+    let mut navigation = planners::navigation(planner, args.adaptive_window)?;
     navigation.go_to(&trial.goal)?;
 
     let mut run = Run::from(trial.start);

@@ -214,10 +214,11 @@ fn creep(request: &NavigationRequest<'_>, footprint: &Footprint) -> Result<Optio
     let before = contact::room(request, footprint, &here);
     let mut best = (GAIN, None);
     for vx in [-SPEED, 0.0, SPEED].into_iter().filter(|&vx| backs || vx >= 0.0) {
-        for yaw_rate in [-TURN_RATE, 0.0, TURN_RATE] {
-            let turns = yaw_rate == 0.0 || request.limits.steering.is_none();
-            let twist = Twist2::new(vx, 0.0, yaw_rate);
-            for looks in (1..=LOOKS).filter(|_| turns).map(|look| look as f64) {
+        // A vehicle that steers has its arcs, and no turn on the spot.
+        let most = if request.limits.steering.is_some() { vx * request.limits.max_curvature() } else { TURN_RATE };
+        for share in [-1.0, -0.5, 0.0, 0.5, 1.0] {
+            let twist = Twist2::new(vx, 0.0, share * most);
+            for looks in (1..=LOOKS).map(|look| look as f64) {
                 let duration = looks * CREEP;
                 if !contact::may_pass(request, footprint, &here, &twist, duration)? {
                     break;
@@ -232,4 +233,38 @@ fn creep(request: &NavigationRequest<'_>, footprint: &Footprint) -> Result<Optio
         }
     }
     Ok(best.1)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use agv_core::{
+        grid::{CellState, Costmap, Grid, GridLayout, LocalMap, LocalMapParams},
+        kinematics::{MotionLimits, SteeringLimits, TwistLimits},
+        nalgebra::Vector2,
+        roles::VehicleState,
+    };
+
+    /// Touched at the nose from the left and behind from the right: no straight way gains room, an arc to the right does.
+    #[test]
+    fn a_vehicle_that_steers_creeps_out_of_a_contact_on_either_side() {
+        let layout = GridLayout::new(80, 80, 0.05, Se2::new(-2.0, -2.0, 0.0)).unwrap();
+        let mut seen = Grid::filled(layout, CellState::Free);
+        for touched in [Vector2::new(0.7, 0.19), Vector2::new(-0.1, -0.19)] {
+            seen.set(layout.cell_at(&touched).unwrap(), CellState::Occupied);
+        }
+        let map = LocalMap::new(&Costmap::from_map(&seen), LocalMapParams::default()).unwrap();
+        let footprint = Footprint::rectangle(-0.3, 0.9, 0.4).unwrap();
+        let state = VehicleState::new(Se2::default(), Twist2::ZERO);
+        let turning = MotionLimits::from(TwistLimits::default());
+        let steering = SteeringLimits { wheelbase: 0.6, max_angle: 0.5, max_rate: 1.0 };
+        for limits in [turning, MotionLimits { steering: Some(steering), ..turning }] {
+            let request = NavigationRequest { state, map: &map, obstacles: &[], limits: &limits, dt: 0.1 };
+            let twist = creep(&request, &footprint).unwrap().unwrap();
+            assert!(twist.yaw_rate < 0.0, "{twist:?}");
+            assert!(
+                limits.steering.is_none() || twist.yaw_rate.abs() <= twist.vx.abs() * limits.max_curvature() + 1e-12
+            );
+        }
+    }
 }

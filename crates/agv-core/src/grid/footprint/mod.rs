@@ -222,6 +222,26 @@ impl Footprint {
             Shape::Polygon(vertices) => holds(vertices, *point),
         }
     }
+
+    /// Distance of a point of the base frame from the outline, in metres; below zero inside. O(vertices).
+    ///
+    /// ```
+    /// use agv_core::{grid::Footprint, nalgebra::Vector2};
+    ///
+    /// let pallet_truck = Footprint::rectangle(-0.3, 1.5, 0.8)?;
+    /// assert!((pallet_truck.signed_distance(&Vector2::new(2.0, 0.0)) - 0.5).abs() < 1e-12);
+    /// assert!((pallet_truck.signed_distance(&Vector2::new(0.0, 0.1)) + 0.3).abs() < 1e-12);
+    /// # Ok::<(), agv_core::Error>(())
+    /// ```
+    pub fn signed_distance(&self, point: &Vector2<f64>) -> f64 {
+        let Some(vertices) = self.vertices() else {
+            let gaps = self.circles().map(|(x, radius)| (point - Vector2::new(x, 0.0)).norm() - radius);
+            return gaps.fold(f64::INFINITY, f64::min);
+        };
+        let to_edges = edges(vertices).map(|(a, b)| distance_to_segment(*point, a, b));
+        let distance = to_edges.fold(f64::INFINITY, f64::min);
+        if vertices.len() > 2 && holds(vertices, *point) { -distance } else { distance }
+    }
 }
 
 #[cfg(test)]
