@@ -50,6 +50,9 @@ struct Args {
     /// Leave the odometry out: scans alone
     #[arg(long)]
     no_odometry: bool,
+    /// Particles of the filter
+    #[arg(long, default_value_t = 30)]
+    particles: usize,
     /// The laser is mounted upside down, and the log does not know
     #[arg(long)]
     upside_down: bool,

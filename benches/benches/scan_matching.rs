@@ -1,7 +1,7 @@
 //! Scan matching: a scan of 361 beams in a hall of 13 m by 9 m, against three others.
 //!
 //! The search of the default window as odometry needs it, the refinement alone, and the search of all headings within 3 m as a loop
-//! closure needs it; and what a target costs. Throughput is in scans.
+//! closure needs it; the other matchers from a near guess; and what a target costs. Throughput is in scans.
 
 use agv_core::{
     compute::Seed,
@@ -11,7 +11,11 @@ use agv_core::{
     sensors::LaserScan,
     time::Stamp,
 };
-use agv_filters::matching::{CorrelativeMatcher, CorrelativeParams, FieldMatcher, FieldMatcherParams, SearchWindow};
+use agv_filters::matching::{
+    ClimbingMatcher, ClimbingMatcherParams, CorrelativeMatcher, CorrelativeParams, FieldMatcher, FieldMatcherParams,
+    PointToLineMatcher, PointToLineParams, SearchWindow,
+};
+use agv_ndt::ndt::{NdtScanMatcher, NdtScanMatcherParams};
 use agv_sim::{Laser, LaserParams, Shape, World2d};
 use criterion::{Criterion, Throughput, criterion_group, criterion_main};
 use std::{f64::consts::PI, hint::black_box};
@@ -55,12 +59,20 @@ fn scan_matching(c: &mut Criterion) {
         group.bench_function(name, |b| b.iter(|| matcher.match_within(black_box(&reading), &guess, window)));
     }
 
-    let mut field = FieldMatcher::new(FieldMatcherParams::default()).expect("sound");
-    group.bench_function("fields of three scans", |b| b.iter(|| field.set_target(black_box(&target))));
-    field.set_target(&target).expect("sound");
-    let found = field.match_scan(&reading, &near).expect("finite");
-    assert!(found.converged() && (found.target_from_source.translation() - truth.translation()).norm() < 0.03);
-    group.bench_function("field", |b| b.iter(|| field.match_scan(black_box(&reading), &near)));
+    let guided: [(&str, Box<dyn ScanMatcher>); 4] = [
+        ("field", Box::new(FieldMatcher::new(FieldMatcherParams::default()).expect("sound"))),
+        ("climbing", Box::new(ClimbingMatcher::new(ClimbingMatcherParams::default()).expect("sound"))),
+        ("point to line", Box::new(PointToLineMatcher::new(PointToLineParams::default()).expect("sound"))),
+        ("ndt", Box::new(NdtScanMatcher::new(NdtScanMatcherParams::default()).expect("sound"))),
+    ];
+    for (name, mut matcher) in guided {
+        group.bench_function(format!("target, {name}"), |b| b.iter(|| matcher.set_target(black_box(&target))));
+        matcher.set_target(&target).expect("sound");
+        let found = matcher.match_scan(&reading, &near).expect("finite");
+        let off = found.target_from_source.translation() - truth.translation();
+        assert!(found.converged() && off.norm() < 0.03, "{name}: {found:?}");
+        group.bench_function(name, |b| b.iter(|| matcher.match_scan(black_box(&reading), &near)));
+    }
     group.finish();
 }
 

@@ -41,7 +41,7 @@ pub(crate) struct Run {
 /// Takes all scans of the drive.
 pub(crate) fn run(args: &Args, drive: &Drive) -> Result<Run> {
     let mut method: Box<dyn Method> = match args.method {
-        Kind::Rbpf => Box::new(Particles::new(args.common.seed(), args.common.par())?),
+        Kind::Rbpf => Box::new(Particles::new(args.particles, args.common.seed(), args.common.par())?),
         Kind::Graph => Box::new(Graph::new(args.common.par())?),
     };
     let mut timings = Timings::default();

@@ -11,7 +11,7 @@ use agv_nav::{
 };
 use agv_support::cli::Report;
 
-/// The filter with the library's defaults.
+/// The filter with the library's defaults, but for the number of particles.
 pub(crate) struct Particles {
     slam: Rbpf<DifferentialOdometryModel>,
     last: Option<(Stamp, Se2)>,
@@ -20,9 +20,9 @@ pub(crate) struct Particles {
 }
 
 impl Particles {
-    pub(crate) fn new(seed: Seed, par: Par) -> Result<Self> {
+    pub(crate) fn new(particles: usize, seed: Seed, par: Par) -> Result<Self> {
         let motion = DifferentialOdometryModel::new(OdometryNoise::default())?;
-        let slam = Rbpf::new(motion, RbpfParams::default(), seed)?.with_parallelism(par);
+        let slam = Rbpf::new(motion, RbpfParams { particles, ..Default::default() }, seed)?.with_parallelism(par);
         Ok(Self { slam, last: None, taken: 0, resampled: 0 })
     }
 }

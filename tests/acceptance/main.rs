@@ -6,3 +6,4 @@ mod fusion;
 mod kidnaps;
 mod landmarks;
 mod loops;
+mod scan_matchers;

@@ -10,6 +10,7 @@ mod localization;
 mod mapping;
 mod params;
 mod sensors;
+mod slam;
 mod states;
 mod table;
 mod tuning;

@@ -2,25 +2,38 @@
 
 use crate::{
     digest::{Digest, assert_same_bits},
-    scenes,
+    scenes::{
+        self,
+        mapping::{graph_slam, map_by_graph, map_by_particles, particle_slam},
+    },
 };
-use agv_nav::{
-    core::geometry::Se2,
-    filters::slam::graph::{GraphSlam, GraphSlamParams},
-};
+use agv_nav::core::{geometry::Se2, grid::OccupancyThresholds};
 
 #[test]
-fn graph_slam() {
+fn graph_slam_does_not_depend_on_threads() {
     // More than once around, so that loops are closed.
     let drive = scenes::circle(150);
     assert_same_bits("GraphSlam", |par| {
-        let mut slam = GraphSlam::new(GraphSlamParams::default()).unwrap().with_parallelism(par);
-        let mut odometry = Se2::default();
-        for (motion, scan) in &drive {
-            odometry = odometry * motion.start_from_end * Se2::new(0.002, 0.0, 0.001);
-            slam.process(scan, Some(&odometry)).unwrap();
-        }
+        let mut slam = graph_slam(par);
+        assert!(map_by_graph(&mut slam, &drive, 0) > 0, "the drive must close loops");
         let poses: Vec<Se2> = slam.trajectory().map(|(_, pose)| pose).collect();
         Digest::new().poses(&poses).integers(slam.map().unwrap().evidence().iter().copied())
     });
+}
+
+#[test]
+fn particles_with_maps_do_not_depend_on_threads() {
+    let drive = scenes::circle(40);
+    for (name, with_wheels) in [("Rbpf", true), ("Rbpf without odometry", false)] {
+        assert_same_bits(name, |par| {
+            let mut slam = particle_slam(par);
+            assert!(map_by_particles(&mut slam, &drive, with_wheels) > 0, "the drive must exercise resampling");
+            let poses: Vec<Se2> = slam.trajectory().into_iter().map(|(_, pose)| pose).collect();
+            let fused = slam.fused_map(&OccupancyThresholds::default()).unwrap();
+            Digest::new()
+                .poses(&poses)
+                .bits(slam.weights().iter().map(|weight| weight.to_bits()))
+                .integers(fused.values().iter().map(|state| *state as i32))
+        });
+    }
 }

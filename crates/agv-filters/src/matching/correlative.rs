@@ -4,7 +4,7 @@ use super::{
     params::{CorrelativeParams, SearchWindow},
     refine::refine,
     search::{Scratch, search},
-    target::{Squares, Target, thin_into},
+    target::{Squares, Target, end_points, thin_into},
 };
 use agv_core::{
     Error, check,
@@ -94,17 +94,19 @@ impl CorrelativeMatcher {
     ) -> Result<Alignment<Se2>, AlignmentError> {
         thin_into(scan.points_in_base(), self.params.resolution, &mut self.squares, &mut self.points);
         let points = std::mem::take(&mut self.points);
-        let result = self.match_points(&points, guess, window);
+        let result = self.match_points(&points, guess, window, 0.0);
         self.points = points;
         result
     }
 
-    /// As [`match_within`](Self::match_within), for end points in the base frame, thinned to the resolution.
+    /// As [`match_within`](Self::match_within), for end points in the base frame, thinned to the resolution. Where the search finds
+    /// nothing that scores more than `floor` cell by cell, nothing is matched.
     pub(crate) fn match_points(
         &mut self,
         points: &[Vector2<f64>],
         guess: &Se2,
         window: SearchWindow,
+        floor: f64,
     ) -> Result<Alignment<Se2>, AlignmentError> {
         window.checked(self.params.resolution)?;
         check::all_finite("guess", &[guess.x(), guess.y(), guess.yaw()])?;
@@ -115,7 +117,9 @@ impl CorrelativeMatcher {
         }
         let mut start = *guess;
         if window.distance > 0.0 || window.angle > 0.0 {
-            let Some(found) = search(target, points, guess, &window, &mut self.scratch) else { return Ok(result) };
+            let Some(found) = search(target, points, guess, &window, floor, &mut self.scratch) else {
+                return Ok(result);
+            };
             (start, result.iterations) = (found.pose, found.evaluated);
         }
         let refined = refine(target, points, &start, &self.params);
@@ -133,7 +137,7 @@ impl CorrelativeMatcher {
 
     /// Takes points in the target frame as target, which are finite.
     pub(crate) fn set_points(&mut self, points: &[Vector2<f64>]) -> Result<(), Error> {
-        self.target = Some(Target::new(points, &self.params)?);
+        self.target = Some(Target::after(&mut self.target, points, &self.params)?);
         Ok(())
     }
 }
@@ -145,16 +149,7 @@ pub(super) fn held(found: &Se2, guess: &Se2, unobserved: &Matrix3<f64>) -> Se2 {
 
 impl ScanMatcher for CorrelativeMatcher {
     fn set_target(&mut self, scans: &[TargetScan<'_>]) -> Result<(), AlignmentError> {
-        if scans.is_empty() {
-            return Err(Error::Empty { name: "target" }.into());
-        }
-        let mut points = Vec::new();
-        for TargetScan { target_from_base, scan } in scans {
-            let pose = target_from_base;
-            check::all_finite("target_from_base", &[pose.x(), pose.y(), pose.yaw()])?;
-            points.extend(scan.points_in_base().map(|point| pose.act(&point)));
-        }
-        Ok(self.set_points(&points)?)
+        Ok(self.set_points(&end_points(scans)?)?)
     }
 
     fn match_scan(&mut self, scan: &LaserScan, guess: &Se2) -> Result<Alignment<Se2>, AlignmentError> {

@@ -18,12 +18,12 @@ use super::{
     CorrelativeParams,
     correlative::held,
     refine::sum_up,
-    target::{REACH, Squares, Target, nearest_points, thin_into},
+    target::{Nearest, REACH, Squares, Target, end_points, layout_around, thin_into},
 };
 use agv_core::{
     Error, check,
     geometry::{LieGroup, PoseSigma, Se2, unobserved_directions},
-    grid::{CellState, Grid, GridLayout},
+    grid::{CellState, Grid},
     roles::{Alignment, AlignmentError, ScanMatcher, TargetScan, Termination},
     sensors::LaserScan,
 };
@@ -120,9 +120,6 @@ pub struct FieldMatcher {
     squares: Squares,
     points: Vec<Vector2<f64>>,
 }
-
-/// Most cells of a field.
-const MAX_CELLS: f64 = (1_u64 << 26) as f64;
 
 /// Steps below this share of a cell are the end.
 const AT_REST: f64 = 1e-3;
@@ -252,30 +249,15 @@ fn slope(field: &Grid<f32>, points: &[Vector2<f64>], pose: &Se2) -> Sums {
 /// The likelihoods around some points, in cells and deviations `factor` times as wide as the finest.
 fn field(points: &[Vector2<f64>], params: &FieldMatcherParams, factor: f64) -> Result<Grid<f32>, Error> {
     let (resolution, sigma) = (params.resolution * factor, params.sigma * factor);
-    let margin = Vector2::repeat(REACH * sigma + 2.0 * resolution);
-    let least = points.iter().fold(Vector2::repeat(f64::INFINITY), |a, b| a.inf(b)) - margin;
-    let most = points.iter().fold(Vector2::repeat(f64::NEG_INFINITY), |a, b| a.sup(b)) + margin;
-    let cells = ((most - least) / resolution).map(f64::ceil);
-    if cells.x * cells.y > MAX_CELLS {
-        return Err(Error::TooMany { name: "cells of the target", len: usize::MAX, max: MAX_CELLS as usize });
-    }
-    let layout = GridLayout::new(cells.x as usize, cells.y as usize, resolution, Se2::new(least.x, least.y, 0.0))?;
-    let (_, squared) = nearest_points(points, &layout, REACH * sigma);
+    let layout = layout_around(points, REACH * sigma + 2.0 * resolution, resolution)?;
+    let Nearest { squared, .. } = Nearest::default().renewed(points, &layout, REACH * sigma);
     let scale = (-0.5 / (sigma * sigma)) as f32;
     Grid::new(layout, squared.into_iter().map(|squared| (scale * squared).exp()).collect())
 }
 
 impl ScanMatcher for FieldMatcher {
     fn set_target(&mut self, scans: &[TargetScan<'_>]) -> Result<(), AlignmentError> {
-        if scans.is_empty() {
-            return Err(Error::Empty { name: "target" }.into());
-        }
-        let mut points = Vec::new();
-        for TargetScan { target_from_base: pose, scan } in scans {
-            check::all_finite("target_from_base", &[pose.x(), pose.y(), pose.yaw()])?;
-            points.extend(scan.points_in_base().map(|point| pose.act(&point)));
-        }
-        Ok(self.set_points(&points)?)
+        Ok(self.set_points(&end_points(scans)?)?)
     }
 
     /// Allocates nothing once a scan of as many beams was matched.

@@ -8,11 +8,17 @@
 //! named.
 //!
 //! [`FieldMatcher`] needs a guess and follows the slope of an interpolated likelihood field instead (the class of Hector SLAM and of
-//! Cartographer's scan matcher): for surfaces that are no lines, and where no search is wanted.
+//! Cartographer's scan matcher): for surfaces that are no lines, and where no search is wanted. [`ClimbingMatcher`] needs one too, and
+//! climbs over the score by small moves (the class of `GMapping`); [`PointToLineMatcher`] iterates closest points from farther off
+//! (Censi 2008). `agv_ndt::ndt::NdtScanMatcher` matches by normal distributions. All play
+//! [`ScanMatcher`](agv_core::roles::ScanMatcher), and state their results alike.
 
+mod climb;
 mod correlative;
 mod field;
+mod line;
 mod params;
+mod point_to_line;
 mod pyramid;
 mod refine;
 mod search;
@@ -20,7 +26,10 @@ mod target;
 #[cfg(test)]
 mod tests;
 
+pub use climb::{ClimbingMatcher, ClimbingMatcherParams};
 pub use correlative::CorrelativeMatcher;
 pub use field::{FieldMatcher, FieldMatcherParams};
+pub(crate) use line::LineSums;
 pub use params::{CorrelativeParams, SearchWindow};
+pub use point_to_line::{PointToLineMatcher, PointToLineParams};
 pub(crate) use target::{Squares, thin_into};

@@ -5,12 +5,14 @@
 //! maxima per direction, O(cells).
 
 /// A grid of small whole numbers, and its maxima.
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default)]
 pub(super) struct Pyramid {
     levels: Vec<Level>,
+    /// How many of these are made; the others are memory.
+    made: usize,
 }
 
-#[derive(Debug, Clone, PartialEq, Eq)]
+#[derive(Debug, Clone, Default)]
 struct Level {
     width: usize,
     height: usize,
@@ -21,17 +23,29 @@ struct Level {
 
 impl Pyramid {
     /// The finest level alone, its cells row by row.
-    pub(super) fn new(width: usize, values: Vec<u8>) -> Self {
-        let height = values.len() / width.max(1);
-        Self { levels: vec![Level { width, height, before: 0, values }] }
+    pub(super) fn renewed(mut self, width: usize, values: impl Iterator<Item = u8>) -> Self {
+        if self.levels.is_empty() {
+            self.levels.push(Level::default());
+        }
+        // There is one now.
+        let finest = &mut self.levels[0];
+        finest.values.clear();
+        finest.values.extend(values);
+        (finest.width, finest.height, finest.before) = (width, finest.values.len() / width.max(1), 0);
+        self.made = 1;
+        self
     }
 
     /// Makes the levels up to this one, unless they are there.
     pub(super) fn grow(&mut self, level: usize) {
-        while self.levels.len() <= level {
-            let Some(last) = self.levels.last() else { return };
-            let next = last.doubled(1 << (self.levels.len() - 1));
-            self.levels.push(next);
+        while self.made <= level {
+            if self.levels.len() == self.made {
+                self.levels.push(Level::default());
+            }
+            let (finer, coarser) = self.levels.split_at_mut(self.made);
+            let (Some(finer), Some(coarser)) = (finer.last(), coarser.first_mut()) else { return };
+            finer.double_into(1 << (self.made - 1), coarser);
+            self.made += 1;
         }
     }
 
@@ -45,18 +59,19 @@ impl Pyramid {
 }
 
 impl Level {
-    /// The level of squares twice as wide, by half of their width.
-    fn doubled(&self, half: usize) -> Self {
+    /// Makes the level of squares twice as wide, by half of their width.
+    fn double_into(&self, half: usize, double: &mut Self) {
         let (width, height) = (self.width + half, self.height + half);
-        let mut values = vec![0; width * height];
+        double.values.clear();
+        double.values.resize(width * height, 0);
         for (y, row) in self.values.chunks_exact(self.width).enumerate() {
             for start in [y, y + half].map(|y| y * width) {
                 for shift in [0, half] {
-                    raise(&mut values[start + shift..start + shift + self.width], row);
+                    raise(&mut double.values[start + shift..start + shift + self.width], row);
                 }
             }
         }
-        Self { width, height, before: self.before + half as i32, values }
+        (double.width, double.height, double.before) = (width, height, self.before + half as i32);
     }
 }
 
@@ -71,19 +86,21 @@ mod tests {
 
     #[test]
     fn levels_are_the_maxima_of_their_squares() {
-        let (width, height) = (11_i32, 7_i32);
-        let value = |x: i32, y: i32| {
-            if (0..width).contains(&x) && (0..height).contains(&y) { ((x * 37 + y * 101) % 251) as u8 } else { 0 }
-        };
-        let values = (0..width * height).map(|i| value(i % width, i / width)).collect();
-        let mut pyramid = Pyramid::new(width as usize, values);
-        pyramid.grow(3);
-        for level in 0..4 {
-            let span = 1 << level;
-            for (x, y) in (-12..16).flat_map(|x| (-12..12).map(move |y| (x, y))) {
-                let square = (x..x + span).flat_map(|x| (y..y + span).map(move |y| (x, y)));
-                let expected = square.map(|(x, y)| value(x, y)).max().unwrap();
-                assert_eq!(pyramid.at(level, x, y), expected, "level {level} ({x}, {y})");
+        let mut pyramid = Pyramid::default();
+        // The second in the memory of the first.
+        for (width, height) in [(15_i32, 9_i32), (11, 7)] {
+            let value = |x: i32, y: i32| {
+                if (0..width).contains(&x) && (0..height).contains(&y) { ((x * 37 + y * 101) % 251) as u8 } else { 0 }
+            };
+            pyramid = pyramid.renewed(width as usize, (0..width * height).map(|i| value(i % width, i / width)));
+            pyramid.grow(3);
+            for level in 0..4 {
+                let span = 1 << level;
+                for (x, y) in (-12..16).flat_map(|x| (-12..12).map(move |y| (x, y))) {
+                    let square = (x..x + span).flat_map(|x| (y..y + span).map(move |y| (x, y)));
+                    let expected = square.map(|(x, y)| value(x, y)).max().unwrap();
+                    assert_eq!(pyramid.at(level, x, y), expected, "level {level} ({x}, {y})");
+                }
             }
         }
     }

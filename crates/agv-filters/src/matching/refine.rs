@@ -52,7 +52,7 @@ pub(super) struct Sums {
     weight: f64,
     squares: f64,
     /// Sum of `exp(-d² / 2 σ²)`, of points on no line too.
-    score: f64,
+    pub(super) score: f64,
     pub(super) inliers: usize,
 }
 
@@ -118,11 +118,7 @@ pub(super) fn sum_up(target: &Target, points: &[Vector2<f64>], pose: &Se2, param
     let back = pose.rotation().inverse();
     for point in points {
         let place = pose.act(point);
-        let Some(Surface { point: nearest, normal, doubt }) = target.nearest(&place) else { continue };
-        let off = place - nearest;
-        if off.norm_squared() > (REACH * params.sigma).powi(2) {
-            continue;
-        }
+        let Some((Surface { normal, doubt, .. }, off)) = met(target, &place, params) else { continue };
         inliers += 1;
         if normal == Vector2::zeros() {
             score += (scale * off.norm_squared()).exp();
@@ -140,4 +136,23 @@ pub(super) fn sum_up(target: &Target, points: &[Vector2<f64>], pose: &Se2, param
         score += share;
     }
     Sums { hessian, gradient, spurious, weight, squares, score, inliers }
+}
+
+/// The surface that an end point meets, and how far off its point lies.
+#[inline]
+fn met(target: &Target, place: &Vector2<f64>, params: &CorrelativeParams) -> Option<(Surface, Vector2<f64>)> {
+    let surface = target.nearest(place)?;
+    let off = place - surface.point;
+    (off.norm_squared() <= (REACH * params.sigma).powi(2)).then_some((surface, off))
+}
+
+/// Sum over some points at a pose of `exp(-d² / 2 σ²)`, as the score of a result has it.
+pub(super) fn score_at(target: &Target, points: &[Vector2<f64>], pose: &Se2, params: &CorrelativeParams) -> f64 {
+    let scale = -0.5 / (params.sigma * params.sigma);
+    let likelihood = |point: &Vector2<f64>| {
+        let (Surface { normal, .. }, off) = met(target, &pose.act(point), params)?;
+        let squared = if normal == Vector2::zeros() { off.norm_squared() } else { normal.dot(&off).powi(2) };
+        Some((scale * squared).exp())
+    };
+    points.iter().filter_map(likelihood).sum()
 }

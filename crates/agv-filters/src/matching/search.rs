@@ -58,12 +58,14 @@ struct Search<'a> {
     evaluated: usize,
 }
 
-/// The best pose of `points` around a guess; none if nowhere any point meets the target, or if there are no points.
+/// The best pose of `points` around a guess; none if nowhere the points score more than `floor` on average, from 0 to 1, or if there are
+/// none. The greater the floor, the sooner that is known.
 pub(super) fn search(
     target: &mut Target,
     points: &[Vector2<f64>],
     guess: &Se2,
     window: &SearchWindow,
+    floor: f64,
     scratch: &mut Scratch,
 ) -> Option<Found> {
     let resolution = target.layout.resolution();
@@ -89,7 +91,8 @@ pub(super) fn search(
     let reach = (window.distance / resolution).ceil() as i32;
     let level = (2 * reach + 1).ilog2().min(MAX_LEVEL);
     target.pyramid.grow(level as usize);
-    let nothing = Square { turn: 0, x: 0, y: 0, bound: 0 };
+    let floor = (255.0 * floor * points.len() as f64) as u32;
+    let nothing = Square { turn: 0, x: 0, y: 0, bound: floor };
     let mut search = Search { target, cells: &cells[..], points: points.len(), reach, best: nothing, evaluated: 0 };
     roots.clear();
     for turn in 0..rotations.len() as u32 {
@@ -106,7 +109,7 @@ pub(super) fn search(
     let offset = Vector2::new(f64::from(best.x), f64::from(best.y)) * resolution;
     let rotation = *rotations.get(best.turn as usize)?;
     let pose = Se2::from_parts(guess.translation() + offset, rotation);
-    (best.bound > 0).then_some(Found { pose, score: best.bound, evaluated })
+    (best.bound > floor).then_some(Found { pose, score: best.bound, evaluated })
 }
 
 impl Search<'_> {

@@ -3,12 +3,17 @@
 //! Distances are those to the points themselves and not to the cells that hold them, so that nothing is lost to the grid but where
 //! two points are about as near.
 
-use super::{params::CorrelativeParams, pyramid::Pyramid};
-use agv_core::{Error, check, geometry::Se2, grid::GridLayout};
-use nalgebra::{Matrix2, Vector2};
+use super::{line::LineSums, params::CorrelativeParams, pyramid::Pyramid};
+use agv_core::{
+    Error, check,
+    geometry::{LieGroup, Se2},
+    grid::GridLayout,
+    roles::TargetScan,
+};
+use nalgebra::Vector2;
 
 /// Points of the target, thinned, and look-ups of them.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub(super) struct Target {
     pub(super) layout: GridLayout,
     points: Vec<Vector2<f64>>,
@@ -16,8 +21,8 @@ pub(super) struct Target {
     normals: Vec<Vector2<f64>>,
     /// Variances of the directions of these, in rad².
     doubts: Vec<f64>,
-    /// Nearest point of each cell, or [`NOTHING`].
-    nearest: Vec<u32>,
+    /// Nearest point of each cell, or [`NOTHING`], and its squared distance from the cell's centre.
+    near: Nearest,
     /// `255 exp(-d² / 2 σ²)` by the distance of a cell's centre.
     pub(super) pyramid: Pyramid,
 }
@@ -30,40 +35,69 @@ pub(super) const REACH: f64 = 3.0;
 /// Most cells: some hundred metres each way at 0.05 m. Points farther apart than that are no one place.
 const MAX_CELLS: usize = 1 << 26;
 
-/// Variance across a surface, beside that along it, from which on neighbours are no line.
-const THICKNESS: f64 = 0.1;
+/// All end points of some scans, in the target frame.
+pub(super) fn end_points(scans: &[TargetScan<'_>]) -> Result<Vec<Vector2<f64>>, Error> {
+    if scans.is_empty() {
+        return Err(Error::Empty { name: "target" });
+    }
+    let mut points = Vec::new();
+    for TargetScan { target_from_base: pose, scan } in scans {
+        check::all_finite("target_from_base", &[pose.x(), pose.y(), pose.yaw()])?;
+        points.extend(scan.points_in_base().map(|point| pose.act(&point)));
+    }
+    Ok(points)
+}
+
+/// A grid over some points and `margin` metres around them, whose axes are those of their frame.
+pub(super) fn layout_around(points: &[Vector2<f64>], margin: f64, resolution: f64) -> Result<GridLayout, Error> {
+    let margin = Vector2::repeat(margin);
+    let least = points.iter().fold(Vector2::repeat(f64::INFINITY), |a, b| a.inf(b)) - margin;
+    let most = points.iter().fold(Vector2::repeat(f64::NEG_INFINITY), |a, b| a.sup(b)) + margin;
+    let cells = ((most - least) / resolution).map(f64::ceil);
+    if cells.x * cells.y > MAX_CELLS as f64 {
+        return Err(Error::TooMany { name: "cells of the target", len: usize::MAX, max: MAX_CELLS });
+    }
+    GridLayout::new(cells.x as usize, cells.y as usize, resolution, Se2::new(least.x, least.y, 0.0))
+}
 
 impl Target {
     /// Look-ups for these points, which are finite. O(points and cells).
     pub(super) fn new(points: &[Vector2<f64>], params: &CorrelativeParams) -> Result<Self, Error> {
+        Self::after(&mut None, points, params)
+    }
+
+    /// The same in the memory of one that is done with, which is as it was where that fails: large grids from the system cost more
+    /// than what is written into them.
+    pub(super) fn after(
+        before: &mut Option<Self>,
+        points: &[Vector2<f64>],
+        params: &CorrelativeParams,
+    ) -> Result<Self, Error> {
         let points = thinned(points, 0.5 * params.resolution);
         check::at_least("usable end points of the target", points.len(), params.min_points)?;
         let reach = REACH * params.sigma;
-        let margin = Vector2::repeat(reach + params.resolution);
-        let least = points.iter().fold(Vector2::repeat(f64::INFINITY), |a, b| a.inf(b)) - margin;
-        let most = points.iter().fold(Vector2::repeat(f64::NEG_INFINITY), |a, b| a.sup(b)) + margin;
-        let cells = ((most - least) / params.resolution).map(f64::ceil);
-        if cells.x * cells.y > MAX_CELLS as f64 {
-            return Err(Error::TooMany { name: "cells of the target", len: usize::MAX, max: MAX_CELLS });
-        }
-        let origin = Se2::new(least.x, least.y, 0.0);
-        let layout = GridLayout::new(cells.x as usize, cells.y as usize, params.resolution, origin)?;
+        let layout = layout_around(&points, reach + params.resolution, params.resolution)?;
+        // Nothing fails from here on.
         let (points, normals, doubts) = surfaces(&points, params);
+        let mut before = before.take();
+        let mut before = before.as_mut();
 
-        let (nearest, squared) = nearest_points(&points, &layout, reach);
+        let near = before.as_mut().map_or_else(Nearest::default, |before| std::mem::take(&mut before.near));
+        let near = near.renewed(&points, &layout, reach);
         let scale = -0.5 / (params.sigma * params.sigma);
-        let values = nearest.iter().zip(&squared).map(|(&index, &squared)| {
+        let value = |(&index, &squared): (&u32, &f32)| {
             if index == NOTHING { 0 } else { (255.0 * (scale * f64::from(squared)).exp()).round() as u8 }
-        });
-        let pyramid = Pyramid::new(layout.width(), values.collect());
-        Ok(Self { layout, points, normals, doubts, nearest, pyramid })
+        };
+        let pyramid = before.map_or_else(Pyramid::default, |before| std::mem::take(&mut before.pyramid));
+        let pyramid = pyramid.renewed(layout.width(), near.index.iter().zip(&near.squared).map(value));
+        Ok(Self { layout, points, normals, doubts, near, pyramid })
     }
 
     /// The surface nearest to a place.
     #[inline]
     pub(super) fn nearest(&self, place: &Vector2<f64>) -> Option<Surface> {
         let cell = self.layout.cell_at(place)?;
-        let index = *self.nearest.get(self.layout.index(cell)?)? as usize;
+        let index = *self.near.index.get(self.layout.index(cell)?)? as usize;
         Some(Surface {
             point: *self.points.get(index)?,
             normal: *self.normals.get(index)?,
@@ -82,32 +116,56 @@ pub(super) struct Surface {
     pub(super) doubt: f64,
 }
 
-/// For each cell which point is nearest to its centre, or [`NOTHING`] within `reach`, and its squared distance. The grid's axes are the
-/// map's.
-pub(super) fn nearest_points(points: &[Vector2<f64>], layout: &GridLayout, reach: f64) -> (Vec<u32>, Vec<f32>) {
-    let (resolution, least) = (layout.resolution(), layout.map_from_grid().translation());
-    let mut nearest = vec![NOTHING; layout.len()];
-    let mut squared = vec![(reach * reach) as f32; layout.len()];
-    let around = (reach / resolution).ceil() as i32;
-    let cell_area = (resolution * resolution) as f32;
-    let centers =
-        |low: i32, high: i32, most: usize| (low.max(0)..(high + 1).min(most as i32)).map(|i| (i, f64::from(i) + 0.5));
-    for (index, point) in points.iter().enumerate() {
-        let place = (point - least) / resolution;
-        let middle = place.map(|v| v.floor() as i32);
-        for (y, center) in centers(middle.y - around, middle.y + around, layout.height()) {
-            let aside = (center - place.y).powi(2);
-            let row = y as usize * layout.width();
-            for (x, center) in centers(middle.x - around, middle.x + around, layout.width()) {
-                let distance = ((center - place.x).powi(2) + aside) as f32 * cell_area;
-                let cell = row + x as usize;
-                if distance < squared[cell] {
-                    (squared[cell], nearest[cell]) = (distance, index as u32);
+/// For each cell which point is nearest to its centre, or [`NOTHING`], and its squared distance.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Nearest {
+    pub(super) index: Vec<u32>,
+    pub(super) squared: Vec<f32>,
+}
+
+impl Nearest {
+    /// The points nearest to the cells of a grid, whose axes are the map's; nothing beyond `reach`.
+    pub(super) fn renewed(mut self, points: &[Vector2<f64>], layout: &GridLayout, reach: f64) -> Self {
+        self.index.clear();
+        self.index.resize(layout.len(), NOTHING);
+        self.squared.clear();
+        self.squared.resize(layout.len(), (reach * reach) as f32);
+        self.stamp(points, layout, reach);
+        self
+    }
+
+    fn stamp(&mut self, points: &[Vector2<f64>], layout: &GridLayout, reach: f64) {
+        let (resolution, least) = (layout.resolution(), layout.map_from_grid().translation());
+        let around = (reach / resolution).ceil() as i32;
+        let clipped = |middle: i32, most: usize| (middle - around).max(0)..(middle + around + 1).min(most as i32);
+        // Squared offsets of the columns, in square metres.
+        let mut aside = vec![0.0_f32; 2 * around as usize + 1];
+        for (index, point) in (0_u32..).zip(points) {
+            let place = (point - least) / resolution;
+            let middle = place.map(|v| v.floor() as i32);
+            let off = |cell: i32, place: f64| (((f64::from(cell) + 0.5 - place) * resolution) as f32).powi(2);
+            let columns = clipped(middle.x, layout.width());
+            if columns.is_empty() {
+                continue;
+            }
+            aside.clear();
+            aside.extend(columns.clone().map(|x| off(x, place.x)));
+            for y in clipped(middle.y, layout.height()) {
+                let above = off(y, place.y);
+                let row = y as usize * layout.width() + columns.start as usize;
+                let row = row..row + aside.len();
+                // Without branches, so that several cells go at once.
+                for ((least, nearest), aside) in
+                    self.squared[row.clone()].iter_mut().zip(&mut self.index[row]).zip(&aside)
+                {
+                    let distance = aside + above;
+                    let is_nearer = distance < *least;
+                    *nearest = if is_nearer { index } else { *nearest };
+                    *least = if is_nearer { distance } else { *least };
                 }
             }
         }
     }
-    (nearest, squared)
 }
 
 /// Memory for thinning points: squares, and the index of a point in each.
@@ -151,39 +209,45 @@ fn surfaces(points: &[Vector2<f64>], params: &CorrelativeParams) -> (Vec<Vector2
     let mut buckets: Vec<(i64, i64, usize)> =
         points.iter().enumerate().map(|(i, point)| (bucket(point.y), bucket(point.x), i)).collect();
     buckets.sort_unstable();
-    let neighbours = |x: i64, y: i64| {
-        let start = buckets.partition_point(|b| (b.0, b.1) < (y, x - 1));
-        buckets[start..].iter().take_while(move |b| (b.0, b.1) <= (y, x + 1)).map(|b| points[b.2])
-    };
-    let surface = |point: &Vector2<f64>| {
-        let (mut count, mut sum, mut squares) = (0.0, Vector2::zeros(), Matrix2::zeros());
-        for y in bucket(point.y) - 1..=bucket(point.y) + 1 {
-            for other in neighbours(bucket(point.x), y) {
-                let offset = other - point;
-                if offset.norm_squared() <= radius * radius {
-                    (count, sum, squares) = (count + 1.0, sum + offset, squares + offset * offset.transpose());
-                }
-            }
+    // Side by side as they are read.
+    let ordered: Vec<Vector2<f64>> = buckets.iter().map(|bucket| points[bucket.2]).collect();
+    let mut found = vec![(Vector2::zeros(), Vector2::zeros(), 0.0); points.len()];
+    for same in buckets.chunk_by(|a, b| (a.0, a.1) == (b.0, b.1)) {
+        // Three rows of three buckets each are the neighbours of all points of one.
+        let (row, column, _) = same[0];
+        let rows = [row - 1, row, row + 1].map(|row| {
+            let start = buckets.partition_point(|b| (b.0, b.1) < (row, column - 1));
+            let length = buckets[start..].partition_point(|b| (b.0, b.1) <= (row, column + 1));
+            &ordered[start..start + length]
+        });
+        for &(.., index) in same {
+            found[index] = surface(&points[index], rows, params);
         }
-        let mean = sum / count;
-        let covariance = squares / count - mean * mean.transpose();
-        // Half of the angle of (a - c, 2 b) is the direction of the line (closed form of the eigenvectors).
-        let (difference, twice) = (covariance[(0, 0)] - covariance[(1, 1)], 2.0 * covariance[(0, 1)]);
-        let (trace, spread) = (covariance.trace(), difference.hypot(twice));
-        if count < 3.0 || trace - spread > THICKNESS * (trace + spread) {
-            return (*point, Vector2::zeros(), 0.0);
-        }
-        let along = 0.5 * twice.atan2(difference);
-        let normal = Vector2::new(-along.sin(), along.cos());
-        // Of a line through points that are that far across it, and spread that far along it.
-        let across = (0.5 * (trace - spread)).max(params.range_sigma * params.range_sigma);
-        (point + normal * normal.dot(&mean), normal, across / (0.5 * count * (trace + spread)))
-    };
+    }
     let (mut moved, mut normals, mut doubts) = (Vec::new(), Vec::new(), Vec::new());
-    for (point, normal, doubt) in points.iter().map(surface) {
+    for (point, normal, doubt) in found {
         moved.push(point);
         normals.push(normal);
         doubts.push(doubt);
     }
     (moved, normals, doubts)
+}
+
+/// The surface at a point: of its neighbours among these.
+fn surface(
+    point: &Vector2<f64>,
+    rows: [&[Vector2<f64>]; 3],
+    params: &CorrelativeParams,
+) -> (Vector2<f64>, Vector2<f64>, f64) {
+    let radius = params.normal_radius;
+    let mut sums = LineSums::default();
+    for offset in rows.into_iter().flatten().map(|other| other - point) {
+        if offset.norm_squared() <= radius * radius {
+            sums.add(&offset);
+        }
+    }
+    let Some(line) = sums.line() else { return (*point, Vector2::zeros(), 0.0) };
+    // Of a line through points that are that far across it, and spread that far along it.
+    let across = line.across.max(params.range_sigma * params.range_sigma);
+    (point + line.normal * line.normal.dot(&line.mean), line.normal, across / (line.count * line.along))
 }

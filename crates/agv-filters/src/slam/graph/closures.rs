@@ -2,12 +2,13 @@
 
 use super::{
     GraphSlamParams,
-    key_scan::{KeyScan, gather},
+    key_scan::{KeyScan, apart, gather},
 };
-use crate::matching::{CorrelativeMatcher, SearchWindow};
+use crate::matching::{CorrelativeMatcher, CorrelativeParams, SearchWindow, Squares, thin_into};
 use agv_core::{
+    Error,
     compute::Par,
-    geometry::{LieGroup, PoseSigma, Se2, angle_difference, observed_information},
+    geometry::{LieGroup, PoseSigma, Se2, observed_information},
     roles::{Alignment, AlignmentError},
 };
 use nalgebra::{Matrix3, Vector2, Vector3};
@@ -21,10 +22,6 @@ pub(super) struct Closure {
     pub(super) from_from_to: Se2,
     pub(super) information: Matrix3<f64>,
 }
-
-/// Distance that half a turn of heading counts as, in metres, when the nearest key scan of a group is chosen: those that looked the
-/// same way have seen the same walls.
-const HEADING_WORTH: f64 = 2.0;
 
 /// Key scans that a group may lack in between.
 const GAP: usize = 4;
@@ -48,8 +45,7 @@ pub(super) fn candidates(
         if !is_old || off > window.distance + OVERLAP {
             continue;
         }
-        let turned = angle_difference(pose.yaw(), here.yaw()).abs() / std::f64::consts::PI;
-        let off = off + HEADING_WORTH * turned;
+        let off = apart(pose, here);
         let is_new_group = previous.is_none_or(|previous| index - previous > GAP);
         match nearest.last_mut() {
             Some(best) if !is_new_group => {
@@ -66,27 +62,64 @@ pub(super) fn candidates(
     nearest.into_iter().map(|(_, index)| index).collect()
 }
 
-/// Looks for `points` around a key scan; the pose in its frame.
+/// Cells of closures beside those of the front end: the search goes by cells, but what it finds is refined on points and lines.
+const COARSER: f64 = 2.0;
+
+/// Least score of a search, cell by cell, beside that of the refined pose that is asked for: a cell off, and turned by as much as a cell at
+/// the farthest point, a perfect fit still scores seven tenths of what it does in place.
+const CELL_BY_CELL: f64 = 0.6;
+
+/// How closures are matched: on wider cells, as far as `sigma` covers them.
+fn coarse(params: &GraphSlamParams) -> CorrelativeParams {
+    let CorrelativeParams { resolution, sigma, .. } = params.matcher;
+    CorrelativeParams { resolution: resolution.max(sigma.min(COARSER * resolution)), ..params.matcher }
+}
+
+/// What looks for a scan, and its memory.
+#[derive(Debug)]
+pub(super) struct Seeker {
+    matcher: CorrelativeMatcher,
+    target: Vec<Vector2<f64>>,
+    squares: Squares,
+    points: Vec<Vector2<f64>>,
+}
+
+impl Seeker {
+    pub(super) fn new(params: &GraphSlamParams) -> Result<Self, Error> {
+        let matcher = CorrelativeMatcher::new(coarse(params))?;
+        Ok(Self { matcher, target: Vec::new(), squares: Squares::new(), points: Vec::new() })
+    }
+}
+
+/// Key scans, and where they are.
+#[derive(Clone, Copy)]
+pub(super) struct Keys<'a> {
+    pub(super) scans: &'a [KeyScan],
+    pub(super) poses: &'a [Se2],
+}
+
+/// Looks for `points` around a key scan, from where the base is taken to be; the pose in the key scan's frame.
 pub(super) fn look_around(
-    keys: &[KeyScan],
-    poses: &[Se2],
+    Keys { scans: keys, poses }: Keys<'_>,
     anchor: usize,
     points: &[Vector2<f64>],
     map_from_base: &Se2,
     window: SearchWindow,
     params: &GraphSlamParams,
+    seeker: &mut Seeker,
 ) -> Result<Option<Alignment<Se2>>, AlignmentError> {
     let reach = params.closure.neighbours;
     let drive = keys[anchor].drive;
     let around = anchor.saturating_sub(reach)..(anchor + reach + 1).min(keys.len());
     let group = keys[around.clone()].iter().zip(&poses[around]).filter(|(key, _)| key.drive == drive);
-    let mut target = Vec::new();
-    gather(group, &poses[anchor], &mut target);
-    let mut matcher = CorrelativeMatcher::new(params.matcher)?;
-    if matcher.set_points(&target).is_err() {
+    let Seeker { matcher, target, squares, points: sparse } = seeker;
+    gather(group, &poses[anchor], target);
+    if matcher.set_points(target).is_err() {
         return Ok(None);
     }
-    let found = matcher.match_points(points, &poses[anchor].between(map_from_base), window)?;
+    thin_into(points.iter().copied(), matcher.params().resolution, squares, sparse);
+    let floor = CELL_BY_CELL * params.closure.min_score;
+    let found = matcher.match_points(sparse, &poses[anchor].between(map_from_base), window, floor)?;
     let believed = found.converged()
         && found.inlier_ratio >= params.closure.min_inlier_ratio
         && found.score >= params.closure.min_score
@@ -96,21 +129,25 @@ pub(super) fn look_around(
 
 /// All closures of the last key scan.
 pub(super) fn find(
-    keys: &[KeyScan],
-    poses: &[Se2],
+    keys: Keys<'_>,
     window: SearchWindow,
     params: &GraphSlamParams,
+    seekers: &mut Vec<Seeker>,
     par: Par,
 ) -> Result<Vec<Closure>, AlignmentError> {
-    let anchors = candidates(keys, poses, &window, params);
-    let (Some(last), Some(here)) = (keys.last(), poses.last()) else { return Ok(Vec::new()) };
-    let look = |i: usize| -> Result<Vec<Closure>, AlignmentError> {
-        let found = look_around(keys, poses, anchors[i], &last.points, here, window, params)?;
+    let anchors = candidates(keys.scans, keys.poses, &window, params);
+    let (Some(last), Some(here)) = (keys.scans.last(), keys.poses.last()) else { return Ok(Vec::new()) };
+    while seekers.len() < anchors.len() {
+        seekers.push(Seeker::new(params)?);
+    }
+    let look = |i: usize, seekers: &mut [Seeker]| -> Result<Vec<Closure>, AlignmentError> {
+        let Some(seeker) = seekers.first_mut() else { return Ok(Vec::new()) };
+        let found = look_around(keys, anchors[i], &last.points, here, window, params, seeker)?;
         Ok(found
             .and_then(|found| {
                 Some(Closure {
                     from: anchors[i] as u32,
-                    to: keys.len() as u32 - 1,
+                    to: keys.scans.len() as u32 - 1,
                     from_from_to: found.target_from_source,
                     information: seen_information(&found, params)?,
                 })
@@ -123,7 +160,8 @@ pub(super) fn find(
         a.extend(b);
         Ok(a)
     };
-    par.map_reduce(anchors.len(), look, both).unwrap_or_else(|| Ok(Vec::new()))
+    let seekers = &mut seekers[..anchors.len()];
+    par.map_reduce_chunks(seekers, 1, look, both).unwrap_or_else(|| Ok(Vec::new()))
 }
 
 /// What a match is worth to the graph where nothing else ties its poses: the information of its points is that of independent beams and

@@ -2,14 +2,21 @@
 
 use super::{
     GraphSlam,
-    closures::{self, Closure},
-    slam::CLOSURE_KERNEL,
+    closures::{self, Closure, Keys},
+    slam::{CLOSURE_KERNEL, Derived},
 };
 use crate::graph::{PoseId, Relation};
-use agv_core::{Error, geometry::LieGroup, roles::AlignmentError};
+use agv_core::{
+    Error,
+    geometry::{LieGroup, Se2},
+    roles::AlignmentError,
+};
 
 /// Squared residual beyond which a closure contradicts the rest.
 const CONTRADICTION: f64 = 100.0;
+
+/// Least way between key scans whose closures confirm each other, in metres: neighbours see the same and are deceived alike.
+const APART: f64 = 1.0;
 
 /// Way over which closures wait for others that agree, in metres.
 const PATIENCE: f64 = 8.0;
@@ -19,7 +26,9 @@ impl GraphSlam {
     pub(super) fn close_loops(&mut self) -> Result<usize, AlignmentError> {
         let params = self.params.closure;
         let window = params.window_after(self.path - self.tied);
-        let found = closures::find(&self.keys, self.graph.poses(), window, &self.params, self.derived.par)?;
+        let keys = Keys { scans: &self.keys, poses: self.graph.poses() };
+        let Derived { seekers, par, .. } = &mut self.derived;
+        let found = closures::find(keys, window, &self.params, seekers, *par)?;
         let (poses, keys, path) = (self.graph.poses(), &self.keys, self.path);
         self.pending.retain(|closure| path - keys[closure.to as usize].path <= PATIENCE);
         let Some(here) = poses.last() else { return Ok(0) };
@@ -30,13 +39,23 @@ impl GraphSlam {
                 believed.push(closure);
                 continue;
             }
-            let seconds = |other: &Closure| {
-                other.to != closure.to
-                    && closures::claimed(other, poses)
-                        .is_some_and(|other| closures::agree(&claim, &other, params.agreement))
+            let agrees = |other: &Closure| {
+                closures::claimed(other, poses).is_some_and(|other| closures::agree(&claim, &other, params.agreement))
             };
-            if self.pending.iter().filter(|other| seconds(other)).count() + 1 >= params.confirmations {
-                believed.extend(self.pending.extract_if(.., |other| seconds(other)));
+            let way = |closure: &Closure| keys[closure.to as usize].path;
+            // One claim for each place, and all of them alike.
+            let mut alike = vec![(way(&closure), claim)];
+            for other in self.pending.iter().filter(|other| agrees(other)) {
+                let Some(claim) = closures::claimed(other, poses) else { continue };
+                let is_another = |(at, before): &(f64, Se2)| {
+                    (at - way(other)).abs() >= APART && closures::agree(before, &claim, params.agreement)
+                };
+                if alike.iter().all(is_another) {
+                    alike.push((way(other), claim));
+                }
+            }
+            if alike.len() >= params.confirmations {
+                believed.extend(self.pending.extract_if(.., |other| agrees(other)));
                 believed.push(closure);
             } else {
                 self.pending.push(closure);

@@ -3,7 +3,7 @@
 use super::GraphSlamParams;
 use crate::matching::{Squares, thin_into};
 use agv_core::{
-    geometry::{LieGroup, Se2},
+    geometry::{LieGroup, Se2, angle_difference},
     sensors::{Beam, LaserScan},
 };
 use nalgebra::Vector2;
@@ -72,4 +72,14 @@ pub(super) fn gather<'a>(
         let anchor_from_key = map_from_anchor.between(map_from_key);
         points.extend(key.points.iter().map(|point| anchor_from_key.act(point)));
     }
+}
+
+/// Distance that half a turn counts as, in metres, where key scans are chosen that see what is seen from a pose: those that looked the
+/// same way have seen the same walls.
+const HEADING_WORTH: f64 = 2.0;
+
+/// How far apart two poses are, by what is seen from them, in metres.
+pub(super) fn apart(a: &Se2, b: &Se2) -> f64 {
+    let turned = angle_difference(a.yaw(), b.yaw()).abs() / std::f64::consts::PI;
+    (a.translation() - b.translation()).norm() + HEADING_WORTH * turned
 }

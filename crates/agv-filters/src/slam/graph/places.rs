@@ -1,6 +1,10 @@
 //! In a map that is there: finding the place, following it without changing the map, and going on with it.
 
-use super::{GraphSlam, closures, key_scan::usable_points_into};
+use super::{
+    GraphSlam,
+    closures::{self, Keys, Seeker},
+    key_scan::{apart, usable_points_into},
+};
 use crate::matching::SearchWindow;
 use agv_core::{
     check,
@@ -9,9 +13,6 @@ use agv_core::{
     sensors::LaserScan,
 };
 use std::f64::consts::PI;
-
-/// Distance that half a turn counts as, in metres, when key scans are chosen that see what the vehicle sees.
-const HEADING_WORTH: f64 = 2.0;
 
 /// Key scans that are this near to one that was tried need not be tried, in metres.
 const SPACING: f64 = 2.0;
@@ -78,9 +79,12 @@ impl GraphSlam {
             let distance = self.params.closure.window.distance.min(SPACING);
             (SearchWindow { distance, angle: PI }, anchors.iter().map(|anchor| poses[*anchor]).collect())
         };
+        let keys = Keys { scans: &self.keys, poses };
         let look = |i: usize| {
+            // Not often enough for memory to be kept.
+            let mut seeker = Seeker::new(&self.params)?;
             let found =
-                closures::look_around(&self.keys, poses, anchors[i], &points, &starts[i], window, &self.params)?;
+                closures::look_around(keys, anchors[i], &points, &starts[i], window, &self.params, &mut seeker)?;
             Ok(found.map(|found| (anchors[i], found)))
         };
         let better = |a: Found, b: Found| {
@@ -103,10 +107,7 @@ impl GraphSlam {
 
     /// The key scan that sees most of what can be seen from a pose.
     fn nearest(&self, map_from_base: &Se2) -> Option<usize> {
-        let far = |pose: &Se2| {
-            let turned = angle_difference(pose.yaw(), map_from_base.yaw()).abs() / PI;
-            (pose.translation() - map_from_base.translation()).norm() + HEADING_WORTH * turned
-        };
+        let far = |pose: &Se2| apart(pose, map_from_base);
         let poses = self.graph.poses().iter().enumerate();
         poses.min_by(|a, b| far(a.1).total_cmp(&far(b.1))).map(|(index, _)| index)
     }
@@ -152,10 +153,7 @@ impl GraphSlam {
         if old && chain.len() < most {
             let poses = self.graph.poses();
             let here = poses[self.anchor as usize];
-            let far = |index: &usize| {
-                let turned = angle_difference(poses[*index].yaw(), here.yaw()).abs() / PI;
-                (poses[*index].translation() - here.translation()).norm() + HEADING_WORTH * turned
-            };
+            let far = |index: &usize| apart(&poses[*index], &here);
             let first_own = chain.last().copied().unwrap_or(self.keys.len());
             let mut others: Vec<usize> = (0..first_own).collect();
             others.sort_by(|a, b| far(a).total_cmp(&far(b)).then(a.cmp(b)));

@@ -55,7 +55,8 @@ impl GraphSlam {
     }
 
     /// Bytes of what was kept: key scans, graph and trajectory. Grows with the way in new space and with its length, some 3 kB a key
-    /// scan of 180 beams. Without what follows from it and is made anew: the front end's target and the solver's memory.
+    /// scan of 180 beams. Without what follows from it and is made anew: the targets of the front end and of closures, which hold the grids of
+    /// what a scan can see, and the solver's memory.
     pub fn memory(&self) -> usize {
         let keys: usize = self
             .keys

@@ -2,7 +2,7 @@
 
 use super::{
     GraphSlamParams,
-    closures::{self, Closure},
+    closures::{self, Closure, Seeker},
     key_scan::{KeyScan, gather, noise, usable_points_into},
     params::Driven,
 };
@@ -131,6 +131,7 @@ pub(super) struct Derived {
     pub(super) squares: Squares,
     pub(super) points: Vec<Vector2<f64>>,
     pub(super) target: Vec<Vector2<f64>>,
+    pub(super) seekers: Vec<Seeker>,
 }
 
 impl Derived {
@@ -144,6 +145,7 @@ impl Derived {
             squares: Vec::new(),
             points: Vec::new(),
             target: Vec::new(),
+            seekers: Vec::new(),
         })
     }
 }
@@ -156,6 +158,10 @@ const UNKNOWN_MOTION: PoseSigma = PoseSigma { translation: 0.5, rotation: 0.3 };
 
 /// How closures count: their residual's square up to so many standard deviations, and linearly beyond.
 pub(super) const CLOSURE_KERNEL: RobustKernel = RobustKernel::Huber { scale: 3.0 };
+
+/// How odometry counts beside a match: wheels that slip far beyond what they are trusted with pull next to nothing, however far that is.
+/// The pull is greatest at three standard deviations.
+const SLIP_KERNEL: RobustKernel = RobustKernel::GemanMcClure { scale: 5.0 };
 
 impl GraphSlam {
     /// SLAM without a map, on the calling thread.
@@ -274,6 +280,7 @@ impl GraphSlam {
             step.key = Some(self.graph.add_pose(Se2::default())?);
             step.outcome = TrackingOutcome::First;
             self.derived.front = front;
+            self.derived.seekers.clear();
             self.params = params;
             self.keys.push(key);
         }
@@ -290,11 +297,11 @@ impl GraphSlam {
     ) -> Result<(TrackingOutcome, Alignment<Se2>), AlignmentError> {
         let GraphSlamParams { good_fit, matcher, .. } = self.params;
         let front = &mut self.derived.front;
-        let near = front.match_points(points, guess, HERE)?;
+        let near = front.match_points(points, guess, HERE, 0.0)?;
         if near.converged() && near.inlier_ratio >= good_fit {
             return Ok((TrackingOutcome::Matched, near));
         }
-        let found = front.match_points(points, guess, matcher.window)?;
+        let found = front.match_points(points, guess, matcher.window, 0.0)?;
         let worth = |found: &Alignment<Se2>| if found.converged() { found.score } else { -1.0 };
         // Where a corridor has no ends, the search takes any place along it.
         Ok(if worth(&found) > 1.1 * worth(&near) && found.converged() {
@@ -325,7 +332,7 @@ impl GraphSlam {
         if let Some(driven) = self.since_key {
             let information = self.params.odometry.information(&driven);
             let relation = Relation::new(from, to, driven.motion, information);
-            self.graph.add_relation(if matched.is_some() { relation.with_kernel(CLOSURE_KERNEL) } else { relation })?;
+            self.graph.add_relation(if matched.is_some() { relation.with_kernel(SLIP_KERNEL) } else { relation })?;
         } else if matched.is_none() {
             let information = super::params::information(UNKNOWN_MOTION);
             self.graph.add_relation(Relation::new(from, to, motion, information))?;

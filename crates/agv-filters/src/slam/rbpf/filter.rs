@@ -2,10 +2,10 @@
 
 use super::{
     beams::{Beams, FAR, FARTHEST},
-    insert::insert,
+    insert::{Scratch, insert},
     map::{TileMap, TileRect},
     params::RbpfParams,
-    proposal::{Motion, Proposed, propose},
+    proposal::{Moment, Motion, Proposed, propose},
     scan_odometry::ScanOdometry,
     trajectory::TrajectoryTree,
 };
@@ -71,6 +71,9 @@ pub struct Rbpf<M> {
     beams: Beams,
     proposed: Vec<Proposed>,
     log_weights: Vec<f64>,
+    scratch: Vec<Scratch>,
+    /// Where a new set is put together; empty between.
+    spare: (Vec<TileMap>, Vec<f64>),
 }
 
 /// Scans without odometry from which on there is none.
@@ -148,6 +151,8 @@ impl<M> Rbpf<M> {
             beams: Beams::default(),
             proposed: vec![Proposed::default(); params.particles],
             log_weights: vec![0.0; params.particles],
+            scratch: vec![Scratch::default(); params.particles],
+            spare: (Vec::with_capacity(params.particles), Vec::with_capacity(params.particles)),
         })
     }
 
@@ -313,17 +318,18 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
 
     /// Fills `proposed` and `log_weights`, and makes sure that all maps have room for the scan.
     fn propose_all(&mut self, moved: &Moved) -> Result<(), Error> {
-        let Self { motion: model, params, seed, par, belief, beams, proposed, log_weights, .. } = self;
+        let Self { motion: model, params, seed, par, belief, beams, proposed, log_weights, scratch, .. } = self;
         let covariance = model.covariance(&moved.motion);
         let refused = Error::NotCovariance { name: "covariance of the motion", pivot: covariance.diagonal().min() };
         let motion = Motion::new(moved.motion.start_from_end, &covariance).ok_or(refused)?;
         let sample = model.condition(&moved.motion);
         let (step, beams) = (belief.steps.len() as u64, &*beams);
-        let data = (&mut proposed[..], belief.particles.states(), &belief.maps[..]);
-        par.for_each_chunk(data, 1, |index, (proposed, poses, maps): (&mut [Proposed], &[Se2], &[TileMap])| {
+        let moment = Moment { motion: &motion, beams, params: &params.matching };
+        let data = (&mut proposed[..], &mut scratch[..], belief.particles.states(), &belief.maps[..]);
+        par.for_each_chunk(data, 1, |index, (proposed, scratch, poses, maps): Seats<'_>| {
             let mut stream = seed.stream(step, index as u64);
-            for (proposed, (pose, map)) in proposed.iter_mut().zip(poses.iter().zip(maps)) {
-                *proposed = propose(map, pose, &motion, beams, &params.matching, &sample, &mut stream);
+            for ((proposed, scratch), (pose, map)) in proposed.iter_mut().zip(scratch).zip(poses.iter().zip(maps)) {
+                *proposed = propose(map, pose, &moment, &sample, &mut stream, &mut scratch.view);
             }
         });
         for (proposed, map) in proposed.iter().zip(&belief.maps) {
@@ -336,22 +342,25 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
 
     /// Particles become what was proposed, and get to know the scan.
     fn take_in(&mut self, scan: &LaserScan, moved: &Moved) -> RbpfUpdate {
-        let Self { params, seed, par, belief, beams, proposed, log_weights, .. } = self;
+        let Self { params, seed, par, belief, beams, proposed, log_weights, scratch, spare, .. } = self;
         let Some(weights) = belief.particles.reweigh(log_weights, *par) else {
             belief.walk(moved);
             return self.skipped(scan, SkipReason::Unexplained);
         };
-        let poses: Vec<Se2> = proposed.iter().map(|proposed| proposed.pose).collect();
         belief.particles.propose(*par, |chunk, _, states| {
             let from = chunk * CHUNK;
-            states.copy_from_slice(&poses[from..from + states.len()]);
+            states.iter_mut().zip(&proposed[from..]).for_each(|(state, proposed)| *state = proposed.pose);
         });
         belief.particles.adopt();
-        belief.tree.extend(&poses);
+        let poses = belief.particles.states();
+        belief.tree.extend(poses);
         belief.scores.iter_mut().zip(&*log_weights).for_each(|(score, log)| *score += log);
-        let beams = &*beams;
-        par.for_each_chunk((&mut belief.maps[..], &poses[..]), 1, |_, (maps, poses): (&mut [TileMap], &[Se2])| {
-            maps.iter_mut().zip(poses).for_each(|(map, pose)| insert(map, pose, beams));
+        let (count, beams) = (poses.len(), &*beams);
+        let data = (&mut belief.maps[..], &mut scratch[..], poses);
+        par.for_each_chunk(data, 1, |_, (maps, scratch, poses): (&mut [TileMap], &mut [Scratch], &[Se2])| {
+            for ((map, scratch), pose) in maps.iter_mut().zip(scratch).zip(poses) {
+                insert(map, pose, beams, scratch);
+            }
         });
         let step = belief.steps.len() as u64;
         belief.steps.push(moved.since);
@@ -359,24 +368,29 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
         belief.note(scan.stamp(), Se2::identity());
         belief.since_resampling = belief.since_resampling.saturating_add(1);
         belief.weights = weights;
-        let context = ResampleContext::new(weights, poses.len(), belief.since_resampling, moved.since);
+        let context = ResampleContext::new(weights, count, belief.since_resampling, moved.since);
         let resampled = params.resample.is_due(&context);
         if resampled {
             let mut stream = seed.derive(RESAMPLING).stream(step, 0);
-            let ancestors = belief.particles.resample(poses.len(), &Systematic, &mut stream, *par);
-            belief.maps = ancestors.iter().map(|&a| belief.maps[a as usize].clone()).collect();
-            belief.scores = ancestors.iter().map(|&a| belief.scores[a as usize]).collect();
+            let ancestors = belief.particles.resample(count, &Systematic, &mut stream, *par);
+            let (maps, scores) = spare;
+            maps.extend(ancestors.iter().map(|&a| belief.maps[a as usize].clone()));
+            scores.extend(ancestors.iter().map(|&a| belief.scores[a as usize]));
+            std::mem::swap(maps, &mut belief.maps);
+            std::mem::swap(scores, &mut belief.scores);
+            // Maps that nobody comes of are gone.
+            maps.clear();
+            scores.clear();
             belief.tree.resample(ancestors);
             belief.since_resampling = 0;
-            belief.weights = WeightSummary::uniform(poses.len());
+            belief.weights = WeightSummary::uniform(count);
         }
-        let count = proposed.len() as f64;
         let update = RbpfUpdate {
             skipped: None,
             weights,
             resampled,
             matched: proposed.iter().filter(|proposed| proposed.matched).count(),
-            explained: proposed.iter().map(|proposed| proposed.explained).sum::<f64>() / count,
+            explained: proposed.iter().map(|proposed| proposed.explained).sum::<f64>() / count as f64,
         };
         if let Some(matching) = &mut self.scan_odometry {
             matching.take_in(scan, &moved.motion.start_from_end);
@@ -386,10 +400,11 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
 
     /// The first scan makes the map.
     fn begin(&mut self, scan: &LaserScan) -> Result<RbpfUpdate, Error> {
-        let Self { params, belief, beams, .. } = self;
+        let Self { params, belief, beams, scratch, .. } = self;
         let (start, mut map) = (belief.start, TileMap::new(params.resolution));
         check_room(&map, beams, &start)?;
-        insert(&mut map, &start, beams);
+        // There is at least one particle.
+        insert(&mut map, &start, beams, &mut scratch[0]);
         belief.maps.fill(map);
         belief.tree.begin(start, params.particles);
         belief.steps.push(Se2::identity());
@@ -410,6 +425,9 @@ impl<M: MotionModel<Motion = OdometryIncrement>> Rbpf<M> {
         RbpfUpdate { skipped: Some(reason), weights, resampled: false, matched: 0, explained: 0.0 }
     }
 }
+
+/// What proposals are made of, particle by particle.
+type Seats<'a> = (&'a mut [Proposed], &'a mut [Scratch], &'a [Se2], &'a [TileMap]);
 
 /// Part of the seed for the draws of new sets.
 const RESAMPLING: u64 = 1;

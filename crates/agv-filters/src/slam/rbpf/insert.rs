@@ -8,19 +8,25 @@ use super::{
     beams::Beams,
     map::{TileMap, TileRect},
     tile::TILE_BITS,
-    view::{AROUND, View},
+    view::{AROUND, View, ViewMemory},
 };
+use crate::matching::LineSums;
 use agv_core::{
     geometry::{LieGroup, Se2},
     grid::{Cell, Traversal},
 };
 use nalgebra::Vector2;
 
-/// Variance across a surface, beside that along it, from which on surfaces are no line.
-const THICKNESS: f64 = 0.1;
+/// Memory of a particle, which serves from scan to scan.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Scratch {
+    pub(super) view: ViewMemory,
+    /// Cells in which beams ended, and the normals there.
+    hits: Vec<(Cell, Vector2<f64>)>,
+}
 
 /// Inserts a scan taken at `pose`; there must be room for all that it reaches.
-pub(super) fn insert(map: &mut TileMap, pose: &Se2, beams: &Beams) {
+pub(super) fn insert(map: &mut TileMap, pose: &Se2, beams: &Beams, scratch: &mut Scratch) {
     let per_metre = 1.0 / map.resolution();
     let in_cells = |point: &Vector2<f64>| pose.act(point) * per_metre;
     let from = in_cells(&beams.origin);
@@ -30,7 +36,8 @@ pub(super) fn insert(map: &mut TileMap, pose: &Se2, beams: &Beams) {
             free(map, cells);
         }
     }
-    let mut hits = Vec::with_capacity(beams.ends.len());
+    let Scratch { view, hits } = scratch;
+    hits.clear();
     for end in beams.ends.iter().filter(|end| end.hit) {
         let place = in_cells(&end.point);
         let lower_left = place.map(f64::floor);
@@ -40,8 +47,8 @@ pub(super) fn insert(map: &mut TileMap, pose: &Se2, beams: &Beams) {
     }
     hits.sort_unstable_by_key(|(cell, _)| (cell.y, cell.x));
     hits.dedup_by_key(|(cell, _)| (cell.y, cell.x));
-    fit_normals(map, &mut hits);
-    for (cell, normal) in &hits {
+    fit_normals(map, hits, view);
+    for (cell, normal) in hits {
         map.tile_mut(tile_of(*cell)).set_normal(cell.x, cell.y, normal);
     }
 }
@@ -68,7 +75,7 @@ fn free(map: &mut TileMap, mut cells: Traversal) {
     }
 }
 
-fn fit_normals(map: &TileMap, hits: &mut [(Cell, Vector2<f64>)]) {
+fn fit_normals(map: &TileMap, hits: &mut [(Cell, Vector2<f64>)], memory: &mut ViewMemory) {
     let corners = |(cell, _): &(Cell, Vector2<f64>)| ((cell.x, cell.y), (cell.x, cell.y));
     let Some((low, high)) = hits.iter().map(corners).reduce(|(low, high), (cell, _)| {
         ((low.0.min(cell.0), low.1.min(cell.1)), (high.0.max(cell.0), high.1.max(cell.1)))
@@ -77,35 +84,19 @@ fn fit_normals(map: &TileMap, hits: &mut [(Cell, Vector2<f64>)]) {
     };
     let margin = AROUND + 1;
     let rect = TileRect::of_cells((low.0 - margin, low.1 - margin), (high.0 + margin, high.1 + margin));
-    let view = View::new(map, &rect);
+    let view = View::new(map, &rect, memory);
     for (cell, normal) in hits {
         *normal = fitted(&view, *cell);
     }
+    view.put_back(memory);
 }
 
 /// Normal of the line through the surfaces around a cell; zero if there is none.
 fn fitted(view: &View<'_>, cell: Cell) -> Vector2<f64> {
     let middle = Vector2::new(f64::from(cell.x) + 0.5, f64::from(cell.y) + 0.5);
-    let (mut count, mut sum) = (0.0, Vector2::zeros());
-    let (mut xx, mut xy, mut yy) = (0.0, 0.0, 0.0);
-    view.surfaces_around(cell.x, cell.y, |point| {
-        let d = point - middle;
-        (count, sum) = (count + 1.0, sum + d);
-        (xx, xy, yy) = (xx + d.x * d.x, xy + d.x * d.y, yy + d.y * d.y);
-    });
-    if count < 3.0 {
-        return Vector2::zeros();
-    }
-    let mean = sum / count;
-    let (xx, xy, yy) = (xx / count - mean.x * mean.x, xy / count - mean.x * mean.y, yy / count - mean.y * mean.y);
-    // Half of the angle of (xx - yy, 2 xy) is the direction of the line (closed form of the eigenvectors).
-    let (difference, twice) = (xx - yy, 2.0 * xy);
-    let (trace, spread) = (xx + yy, (difference * difference + twice * twice).sqrt());
-    if trace - spread > THICKNESS * (trace + spread) {
-        return Vector2::zeros();
-    }
-    let along = 0.5 * twice.atan2(difference);
-    Vector2::new(-along.sin(), along.cos())
+    let mut sums = LineSums::default();
+    view.surfaces_around(cell.x, cell.y, |point| sums.add(&(point - middle)));
+    sums.line().map_or_else(Vector2::zeros, |line| line.normal)
 }
 
 #[cfg(test)]
@@ -138,7 +129,7 @@ mod tests {
         let (mut map, mut beams) = (TileMap::new(params.resolution), Beams::default());
         for (pose, scan) in scans() {
             beams.read(&scan, &params.inverse_model().unwrap(), 1000);
-            insert(&mut map, &pose, &beams);
+            insert(&mut map, &pose, &beams, &mut Scratch::default());
         }
         map
     }
@@ -179,7 +170,7 @@ mod tests {
             }
         }
         assert!(surfaces.len() > 300, "{}", surfaces.len());
-        let view = View::new(&map, &TileRect::of_cells((-700, -400), (400, 900)));
+        let view = View::new(&map, &TileRect::of_cells((-700, -400), (400, 900)), &mut Vec::new());
         let mut stream = Seed(4).stream(0, 0);
         let (mut met, mut farther) = (0, 0.0_f64);
         for surface in surfaces.iter().cycle().take(3000) {
@@ -206,8 +197,8 @@ mod tests {
         let ranges = (0..200).map(|i| range(geometry.angle(i))).collect();
         let scan = LaserScan::new(Stamp::default(), geometry, ranges).unwrap();
         beams.read(&scan, &params.inverse_model().unwrap(), 1000);
-        insert(&mut map, &Se2::default(), &beams);
-        let view = View::new(&map, &TileRect::of_cells((-10, -60), (80, 60)));
+        insert(&mut map, &Se2::default(), &beams, &mut Scratch::default());
+        let view = View::new(&map, &TileRect::of_cells((-10, -60), (80, 60)), &mut Vec::new());
         for end in &beams.points {
             let surface = view.nearest(&(end / 0.05)).unwrap();
             let expected = Vector2::new(0.3_f64.cos(), 0.3_f64.sin());

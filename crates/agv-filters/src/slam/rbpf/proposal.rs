@@ -16,7 +16,7 @@ use super::{
     fit::{Fit, Prediction},
     map::{TileMap, TileRect},
     params::ScanFitParams,
-    view::{AROUND, View},
+    view::{AROUND, View, ViewMemory},
 };
 use crate::particle::semidefinite_root;
 use agv_core::{
@@ -60,34 +60,44 @@ impl Motion {
     }
 }
 
+/// A scan and the motion before it, as all particles see them.
+pub(super) struct Moment<'a> {
+    pub(super) motion: &'a Motion,
+    pub(super) beams: &'a Beams,
+    pub(super) params: &'a ScanFitParams,
+}
+
 /// Proposes a particle's next pose; `sample` draws from the motion model.
 pub(super) fn propose(
     map: &TileMap,
     before: &Se2,
-    motion: &Motion,
-    beams: &Beams,
-    params: &ScanFitParams,
+    moment: &Moment<'_>,
     sample: impl Fn(&Se2, &mut Stream) -> Se2,
     stream: &mut Stream,
+    memory: &mut ViewMemory,
 ) -> Proposed {
+    let Moment { motion, beams, params } = *moment;
     let predicted = *before * motion.start_from_end;
     let margin = AROUND + 1 + (SLACK / map.resolution()) as i32;
     let Some((low, high)) = beams.cells_from(&predicted, map.resolution(), margin) else {
         return Proposed { pose: predicted, log_weight: 0.0, explained: 0.0, matched: false };
     };
-    let view = View::new(map, &TileRect::of_cells(low, high));
+    let view = View::new(map, &TileRect::of_cells(low, high), memory);
     let prediction = Prediction { pose: predicted, information: motion.information };
     let fit = Fit { view, resolution: map.resolution(), points: &beams.points, prediction, params };
     let best = fit.best();
-    if best.explained >= params.min_explained
-        && let Some(placed) = placed(&fit, &best.pose, &best.hessian, motion, stream)
-    {
-        return Proposed { explained: best.explained, ..placed };
-    }
-    let pose = sample(before, stream);
-    let sums = fit.sums(&pose);
-    let log_weight = -params.weight_exponent * sums.scan_cost;
-    Proposed { pose, log_weight, explained: sums.explained, matched: false }
+    let placed = (best.explained >= params.min_explained)
+        .then(|| placed(&fit, &best.pose, &best.hessian, motion, stream))
+        .flatten()
+        .map(|placed| Proposed { explained: best.explained, ..placed });
+    let proposed = placed.unwrap_or_else(|| {
+        let pose = sample(before, stream);
+        let sums = fit.sums(&pose);
+        let log_weight = -params.weight_exponent * sums.scan_cost;
+        Proposed { pose, log_weight, explained: sums.explained, matched: false }
+    });
+    fit.view.put_back(memory);
+    proposed
 }
 
 /// How far a match may lead from the prediction before the map ends for it, in metres.
@@ -138,7 +148,10 @@ pub(super) const MAX_SAMPLES: usize = 64;
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::slam::{RbpfParams, rbpf::insert::insert};
+    use crate::slam::{
+        RbpfParams,
+        rbpf::insert::{Scratch, insert},
+    };
     use agv_core::{
         compute::Seed,
         sensors::{LaserScan, ScanGeometry},
@@ -157,7 +170,7 @@ mod tests {
 
     fn map_of(beams: &Beams) -> TileMap {
         let mut map = TileMap::new(0.05);
-        insert(&mut map, &Se2::default(), beams);
+        insert(&mut map, &Se2::default(), beams, &mut Scratch::default());
         map
     }
 
@@ -174,7 +187,7 @@ mod tests {
         let motion = motion();
         let reach = beams.cells_from(&Se2::default(), 0.05, 30).unwrap();
         let prediction = Prediction { pose: motion.start_from_end, information: motion.information };
-        let view = View::new(&map, &TileRect::of_cells(reach.0, reach.1));
+        let view = View::new(&map, &TileRect::of_cells(reach.0, reach.1), &mut Vec::new());
         let fit = Fit { view, resolution: 0.05, points: &beams.points, prediction, params: &params };
         let best = fit.best();
         assert!(best.explained > 0.95 && best.pose.translation().norm() < 0.01, "{:?}", best.pose);
@@ -197,7 +210,9 @@ mod tests {
 
         let draw = |seed: u64| {
             let mut stream = Seed(seed).stream(0, 0);
-            propose(&map, &Se2::default(), &motion, &beams, &params, |_, _| panic!("the scan fits"), &mut stream)
+            let moment = Moment { motion: &motion, beams: &beams, params: &params };
+            let sample = |_: &Se2, _: &mut Stream| panic!("the scan fits");
+            propose(&map, &Se2::default(), &moment, sample, &mut stream, &mut Vec::new())
         };
         let draws: Vec<_> = (0..200).map(draw).collect();
         let count = draws.len() as f64;
@@ -217,19 +232,23 @@ mod tests {
         let beams = corner();
         let (params, mut stream) = (ScanFitParams::default(), Seed(1).stream(0, 0));
         let elsewhere = Se2::new(0.3, 0.2, 0.1);
-        let empty = TileMap::new(0.05);
-        let proposed = propose(&empty, &Se2::default(), &motion(), &beams, &params, |_, _| elsewhere, &mut stream);
+        let (empty, motion) = (TileMap::new(0.05), motion());
+        let mut propose = |before: &Se2, beams: &Beams| {
+            let moment = Moment { motion: &motion, beams, params: &params };
+            propose(&empty, before, &moment, |_, _| elsewhere, &mut stream, &mut Vec::new())
+        };
+        let proposed = propose(&Se2::default(), &beams);
         assert!(!proposed.matched && proposed.explained == 0.0 && proposed.pose == elsewhere);
         let cost = params.weight_exponent * params.independent_beams * params.outlier;
         assert!((proposed.log_weight + cost).abs() < 1e-9);
         // A scan of few beams is worth no more than these.
         let mut few = beams.clone();
         few.points.truncate(30);
-        let proposed = propose(&empty, &Se2::default(), &motion(), &few, &params, |_, _| elsewhere, &mut stream);
+        let proposed = propose(&Se2::default(), &few);
         assert!((proposed.log_weight + params.weight_exponent * 30.0 * params.outlier).abs() < 1e-9);
         // Far beyond what cells count.
         let far = Se2::new(1e12, 0.0, 0.0);
-        let proposed = propose(&empty, &far, &motion(), &beams, &params, |_, _| elsewhere, &mut stream);
+        let proposed = propose(&far, &beams);
         assert!(!proposed.matched && proposed.pose.x() > 1e11);
     }
 }

@@ -1,7 +1,9 @@
 //! On simulated drives whose truth is known.
 
-use super::{Rbpf, RbpfParams, RbpfUpdate, ScanFitParams};
-use crate::particle::{DifferentialOdometryModel, MotionThreshold, OdometryNoise, WeightSummary};
+use super::{Rbpf, RbpfParams, RbpfUpdate, ScanFitParams, TileMap};
+use crate::particle::{
+    DifferentialOdometryModel, EffectiveSampleSizeBelow, MotionThreshold, OdometryNoise, WeightSummary,
+};
 use agv_core::{
     compute::{Par, Seed},
     geometry::{LieGroup, Se2, Twist2},
@@ -15,8 +17,9 @@ use agv_sim::{Laser, LaserParams, Shape, World2d};
 use nalgebra::{Matrix3, Vector2, Vector3};
 use rand_distr::{Distribution, StandardNormal};
 use std::{
-    collections::HashSet,
+    collections::{HashMap, HashSet},
     f64::consts::{PI, TAU},
+    sync::Arc,
 };
 
 type Filter = Rbpf<DifferentialOdometryModel>;
@@ -304,6 +307,18 @@ fn scans_alone_do() {
     assert_eq!(slam.trajectory()[3].0, Stamp::from_seconds(1e6 - 3.0));
 }
 
+/// A laser that sees a quarter of what is around, from the vehicle's corner.
+#[test]
+fn a_narrow_view_does() {
+    let narrow = laser(121, 1.7);
+    let geometry = ScanGeometry { base_from_sensor: Se2::new(0.4, 0.2, 0.4), ..narrow.geometry };
+    let steps = drive(LaserParams { geometry, ..narrow }, 120, 0.5);
+    let mut slam = filter(8);
+    run(&mut slam, &steps);
+    let worst = worst(&slam, &steps);
+    assert!(worst < 0.25 && wheels_alone(&steps) > 0.5, "{worst} {}", wheels_alone(&steps));
+}
+
 /// Wheels that say something for a part of the way only.
 #[test]
 fn odometry_may_begin_late_and_end_early() {
@@ -327,20 +342,58 @@ fn odometry_may_begin_late_and_end_early() {
     assert!(has_begun && end.norm() < 0.4, "{end}");
 }
 
-/// What all particles have seen alike is there once.
+/// What all particles have seen alike is there once: copies of a particle share its map, and go on sharing what a scan does not change.
 #[test]
 fn memory_is_that_of_the_differences() {
-    let steps = drive(laser(181, 1.5 * PI), 60, 0.3);
-    let mut bytes = Vec::new();
-    for particles in [1, 24] {
-        let mut slam = filter(particles);
+    let (steps, particles) = (drive(laser(181, 1.5 * PI), 60, 0.3), 24);
+    let (mut one, mut slam) = (filter(1), filter(particles));
+    for slam in [&mut one, &mut slam] {
         slam.update(&steps[0].scan).unwrap();
-        bytes.push(slam.memory_bytes());
-        run(&mut slam, &steps[1..]);
-        bytes.push(slam.memory_bytes());
     }
-    assert!(bytes[2] < bytes[0] + 24 * 64, "one scan: {bytes:?}");
-    assert!(bytes[3] < 24 * bytes[1], "one trajectory each: {bytes:?}");
+    assert!(slam.memory_bytes() < one.memory_bytes() + particles * 64, "one scan: {}", slam.memory_bytes());
+
+    // A new set as often as there may be one, until just after one.
+    slam.params.resample = EffectiveSampleSizeBelow { ratio: 1.0 };
+    let (mut taken, mut resampled) = (1, 0);
+    loop {
+        let update = run(&mut slam, &steps[taken..=taken])[0];
+        (taken, resampled) = (taken + 1, resampled + usize::from(update.resampled));
+        if update.resampled && resampled > 5 {
+            break;
+        }
+    }
+    let address = |map: &TileMap| {
+        let mut first = None;
+        map.for_each_part(|address, _| {
+            first.get_or_insert(address);
+            false
+        });
+        first
+    };
+    let bits = |pose: &Se2| [pose.x(), pose.y(), pose.yaw()].map(f64::to_bits);
+    let survivors = slam.belief.particles.states().iter().map(bits).collect::<HashSet<_>>().len();
+    let sheets = slam.maps().iter().map(address).collect::<HashSet<_>>().len();
+    assert!(sheets == survivors && survivors < particles, "{sheets} maps of {survivors} ancestors");
+
+    // Some scans more, and no new set: tiles that they do not change are those that were.
+    slam.params.resample = EffectiveSampleSizeBelow { ratio: 0.0 };
+    let before = slam.clone();
+    run(&mut slam, &steps[taken..taken + 4]);
+    let (mut same, mut kept) = (0, 0);
+    for (before, after) in before.maps().iter().zip(slam.maps()) {
+        let tiles: HashMap<_, _> = after.tiles().collect();
+        for (place, tile) in before.tiles().filter(|(place, tile)| tiles[place] == *tile) {
+            same += 1;
+            kept += usize::from(Arc::ptr_eq(tile, tiles[&place]));
+        }
+    }
+    assert!(same > 100 && kept as f64 > 0.98 * f64::from(same), "{kept} of {same}");
+    let tiles = |slam: &Filter| -> usize {
+        let all = slam.maps().iter().flat_map(TileMap::tiles).map(|(_, tile)| Arc::as_ptr(tile));
+        all.collect::<HashSet<_>>().len()
+    };
+    let whole: usize = slam.maps().iter().map(|map| map.tiles().count()).sum();
+    assert!(tiles(&slam) < whole, "{} {whole}", tiles(&slam));
 }
 
 #[test]

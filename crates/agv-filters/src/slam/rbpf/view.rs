@@ -25,11 +25,20 @@ pub(super) struct Surface {
     pub(super) normal: Vector2<f64>,
 }
 
+/// Memory of views, which serves one after the other: always empty.
+pub(super) type ViewMemory = Vec<Option<&'static Tile>>;
+
 /// The tiles of a rectangle.
 pub(super) struct View<'a> {
     low: (i32, i32),
     width: i32,
     tiles: Vec<Option<&'a Tile>>,
+}
+
+/// The same memory for tiles of another map. Collecting from a vector into one of the same layout takes its memory.
+fn emptied<'b>(mut tiles: Vec<Option<&Tile>>) -> Vec<Option<&'b Tile>> {
+    tiles.clear();
+    tiles.into_iter().map(|_| None).collect()
 }
 
 /// Cells by their distance from the middle: bits of those equally near, nearest first.
@@ -57,12 +66,18 @@ const fn rings() -> [u64; 10] {
 }
 
 impl<'a> View<'a> {
-    /// The tiles of `map` in this rectangle, which must not be absurdly large.
-    pub(super) fn new(map: &'a TileMap, rect: &TileRect) -> Self {
+    /// The tiles of `map` in this rectangle, which must not be absurdly large, in `memory` until that is given back.
+    pub(super) fn new(map: &'a TileMap, rect: &TileRect, memory: &mut ViewMemory) -> Self {
         let width = rect.high.0 - rect.low.0 + 1;
         let rows = rect.low.1..=rect.high.1;
-        let tiles = rows.flat_map(|y| (rect.low.0..=rect.high.0).map(move |x| map.tile((x, y)))).collect();
+        let mut tiles = emptied(std::mem::take(memory));
+        tiles.extend(rows.flat_map(|y| (rect.low.0..=rect.high.0).map(move |x| map.tile((x, y)))));
         Self { low: rect.low, width, tiles }
+    }
+
+    /// Gives the memory back.
+    pub(super) fn put_back(self, memory: &mut ViewMemory) {
+        *memory = emptied(self.tiles);
     }
 
     #[inline]
@@ -135,5 +150,22 @@ impl<'a> View<'a> {
                 visit(Vector2::new(f64::from(cx), f64::from(cy)) + ends.mean());
             }
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn memory_serves_one_view_after_the_other() {
+        let (mut memory, rect) = (ViewMemory::new(), TileRect { low: (-3, 2), high: (8, 9) });
+        let (first, second) = (TileMap::new(0.05), TileMap::new(0.1));
+        let view = View::new(&first, &rect, &mut memory);
+        let (place, room) = (view.tiles.as_ptr().addr(), view.tiles.capacity());
+        view.put_back(&mut memory);
+        assert_eq!((memory.as_ptr().addr(), memory.capacity(), memory.len()), (place, room, 0));
+        let view = View::new(&second, &rect, &mut memory);
+        assert_eq!((view.tiles.as_ptr().addr(), view.tiles.len()), (place, 12 * 8));
     }
 }

@@ -1,7 +1,9 @@
 //! Against exhaustive search, and on simulated scans whose poses are known.
 
+mod guided;
+
 use super::{
-    CorrelativeMatcher, CorrelativeParams, FieldMatcher, FieldMatcherParams, SearchWindow,
+    CorrelativeMatcher, CorrelativeParams, SearchWindow,
     search::{Scratch, search},
     target::Target,
 };
@@ -71,7 +73,7 @@ fn the_search_finds_what_trying_all_finds() {
     ] {
         let points: Vec<_> = scan(&world, &mut laser, &pose).points_in_base().step_by(9).collect();
         let window = SearchWindow { distance: 0.33, angle: 0.15 };
-        let found = search(&mut target, &points, &guess, &window, &mut scratch).unwrap();
+        let found = search(&mut target, &points, &guess, &window, 0.0, &mut scratch).unwrap();
         let farthest = points.iter().map(nalgebra::Matrix::norm).fold(0.0, f64::max);
         let turns = (window.angle * farthest / 0.05).ceil() as i32;
         let (mut best, mut tried) = (0, 0);
@@ -88,6 +90,11 @@ fn the_search_finds_what_trying_all_finds() {
         }
         assert_eq!(found.score, best);
         assert!(found.evaluated < tried / 2, "{} of {tried}", found.evaluated);
+        // A floor below it changes nothing but the time, one above it leaves nothing.
+        let share = f64::from(best) / (255.0 * points.len() as f64);
+        let above = search(&mut target, &points, &guess, &window, share - 0.01, &mut scratch).unwrap();
+        assert!((above.pose, above.score) == (found.pose, best) && above.evaluated <= found.evaluated);
+        assert_eq!(search(&mut target, &points, &guess, &window, share + 0.01, &mut scratch), None);
         let off = guess.inverse().compose(&found.pose);
         assert!(off.yaw().abs() < 0.1501 && (found.pose.translation() - guess.translation()).amax() < 0.3501);
     }
@@ -225,91 +232,16 @@ fn bad_input_is_named() {
     }
 }
 
-/// From as far off as the coarse field reaches, found to a fraction of a cell; the information is of the size of the errors.
-#[test]
-fn the_slope_of_the_field_leads_there() {
-    let world = hall();
-    let mut clean = laser(0.0, 1);
-    let poses = [(0.0, 0.0, 0.0), (0.5, 0.5, 2.0), (-0.5, 0.3, -2.0)].map(|(x, y, yaw)| Se2::new(x, y, yaw));
-    let scans = poses.map(|pose| scan(&world, &mut clean, &pose));
-    let target: Vec<_> =
-        poses.iter().zip(&scans).map(|(pose, scan)| TargetScan { target_from_base: *pose, scan }).collect();
-    let mut matcher = FieldMatcher::new(FieldMatcherParams::default()).unwrap();
-    matcher.set_target(&target).unwrap();
-    let (mut laser, mut stream) = (laser(0.02, 3), Seed(5).stream(0, 0));
-    let (mut squares, runs) = (0.0, 60);
-    for _ in 0..runs {
-        let mut within = |limit: f64| stream.random_range(-limit..limit);
-        let truth = Se2::new(within(0.8), within(0.8), within(3.0));
-        let guess = Se2::new(truth.x() + within(0.2), truth.y() + within(0.2), truth.yaw() + within(0.1));
-        let found = matcher.match_scan(&scan(&world, &mut laser, &truth), &guess).unwrap();
-        assert!(found.inlier_ratio > 0.8, "{found:?}");
-        let error = truth.between(&found.target_from_source).log();
-        assert!(error.xy().norm() < 0.04 && error.z.abs() < 0.012, "{truth:?} {error:?}");
-        squares += (error.transpose() * found.information * error)[0];
-        assert_eq!(found.unobserved.trace(), 0.0);
-    }
-    // Three per run if the cells cost nothing.
-    let mean = squares / f64::from(runs);
-    assert!((0.5..30.0).contains(&mean), "{mean}");
-    laws::scan_matcher(&mut matcher, &target, &scans[1], &Se2::new(0.4, 0.4, 1.95)).unwrap();
-}
-
-#[test]
-fn the_field_of_a_corridor_has_no_slope_along_it() {
-    let world = corridor();
-    let mut laser = laser(0.02, 6);
-    let first = scan(&world, &mut laser, &Se2::default());
-    let reading = scan(&world, &mut laser, &Se2::new(0.3, 0.1, 0.05));
-    let mut matcher = FieldMatcher::new(FieldMatcherParams::default()).unwrap();
-    assert_eq!(matcher.match_scan(&first, &Se2::default()), Err(AlignmentError::NoTarget));
-    matcher.set_target(&[TargetScan { target_from_base: Se2::default(), scan: &first }]).unwrap();
-    let found = matcher.match_scan(&reading, &Se2::new(0.1, 0.0, 0.0)).unwrap();
-    let pose = found.target_from_source;
-    assert!((pose.y() - 0.1).abs() < 0.02 && (pose.yaw() - 0.05).abs() < 0.005, "{pose:?}");
-    assert!((found.unobserved.trace() - 1.0).abs() < 1e-9 && found.unobserved[(0, 0)] > 0.9, "{}", found.unobserved);
-    assert!((pose.x() - 0.1).abs() < 0.02, "{pose:?}");
-}
-
-#[test]
-fn bad_fields_are_named() {
-    let good = FieldMatcherParams::default();
-    for (name, bad) in [
-        ("resolution", FieldMatcherParams { resolution: f64::NAN, ..good }),
-        ("sigma", FieldMatcherParams { sigma: -1.0, ..good }),
-        ("sigma / resolution", FieldMatcherParams { sigma: 0.01, ..good }),
-        ("levels", FieldMatcherParams { levels: 0, ..good }),
-        ("range_sigma", FieldMatcherParams { range_sigma: 0.0, ..good }),
-        ("min_points", FieldMatcherParams { min_points: 1, ..good }),
-        ("min_inlier_ratio", FieldMatcherParams { min_inlier_ratio: f64::NAN, ..good }),
-        ("translation", FieldMatcherParams { observable: PoseSigma { translation: -1.0, rotation: 1.0 }, ..good }),
-    ] {
-        let error = FieldMatcher::new(bad).unwrap_err();
-        assert!(error.to_string().starts_with(name), "{name}: {error}");
-    }
-    let reading = scan(&hall(), &mut laser(0.01, 9), &Se2::default());
-    let at = |x: f64| TargetScan { target_from_base: Se2::new(x, 0.0, 0.0), scan: &reading };
-    let mut matcher = FieldMatcher::new(good).unwrap();
-    assert!(matches!(matcher.set_target(&[at(0.0), at(1e9)]), Err(AlignmentError::Invalid(Error::TooMany { .. }))));
-    assert!(matcher.set_target(&[]).is_err());
-    matcher.set_target(&[at(0.0)]).unwrap();
-    for x in [1e9, 1e300, f64::MAX] {
-        let found = matcher.match_scan(&reading, &Se2::new(x, -x, 0.0)).unwrap();
-        assert_eq!((found.termination, found.target_from_source.x()), (Termination::TooFewPoints, x));
-    }
-    assert!(matcher.match_scan(&reading, &Se2::new(f64::NAN, 0.0, 0.0)).is_err());
-}
-
 #[test]
 fn points_that_are_on_no_line_count_in_the_score() {
     let posts: Vec<_> = (0..42).map(|i| Vector2::new(f64::from(i % 7), f64::from(i / 7))).collect();
     let mut matcher = CorrelativeMatcher::new(CorrelativeParams::default()).unwrap();
     matcher.set_points(&posts).unwrap();
     let here = SearchWindow { distance: 0.0, angle: 0.0 };
-    let found = matcher.match_points(&posts, &Se2::default(), here).unwrap();
+    let found = matcher.match_points(&posts, &Se2::default(), here, 0.0).unwrap();
     assert!(found.converged() && found.score > 0.95, "{found:?}");
     let aside: Vec<_> = posts.iter().map(|post| post + Vector2::new(0.1, 0.0)).collect();
-    let found = matcher.match_points(&aside, &Se2::default(), here).unwrap();
+    let found = matcher.match_points(&aside, &Se2::default(), here, 0.0).unwrap();
     // One standard deviation off.
     assert!((found.score - (-0.5_f64).exp()).abs() < 0.01, "{found:?}");
 }
