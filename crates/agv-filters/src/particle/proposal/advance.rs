@@ -36,9 +36,12 @@ impl LikelihoodSearch {
     ) -> usize {
         self.carry(context);
         let trials = self.params.trials.max(1);
-        let kept = (poses / 4 / trials).clamp(1, self.params.refined);
+        let refined = (poses / 4 / trials).clamp(1, self.params.refined);
+        // More than can be refined now: the right place may be one of many that look alike, and where it differs comes later.
+        let kept = (poses / 8).clamp(refined, self.params.refined);
         let known = self.found.len();
-        let fresh = poses.saturating_sub(known + kept * trials).clamp(1, self.params.max_candidates);
+        // What is kept is weighed once more when it is compared with the estimate.
+        let fresh = poses.saturating_sub(known + kept + refined * trials).clamp(1, self.params.max_candidates);
         self.try_next(context, fresh);
         let is_weighed = self.weigh(observation, sensor, context);
         self.rounds.clear();
@@ -46,7 +49,7 @@ impl LikelihoodSearch {
         self.found.clear();
         if is_weighed {
             self.keep_best(kept);
-            self.refine(observation, sensor, context);
+            self.refine(observation, sensor, context, refined);
             self.sort_found();
         }
         self.remember();
