@@ -48,6 +48,9 @@ struct Args {
     /// Take the mean of the particles, as the paper does, instead of the peak of the scan's likelihood near it
     #[arg(long)]
     mean_of_particles: bool,
+    /// Edge of a cell of the map, in metres: the estimates are off by up to half of it
+    #[arg(long, default_value_t = 0.05)]
+    resolution: f64,
     #[command(flatten)]
     common: CommonArgs,
 }
@@ -58,7 +61,7 @@ fn main() -> ExitCode {
     let args = Args::parse();
     agv_support::run(|| {
         let out = args.common.out_folder("fuse_odometry_imu")?;
-        let hall = Hall::new()?;
+        let hall = Hall::new(args.resolution)?;
         let (mut errors, mut first) = (Vec::new(), None);
         let progress = Progress::new(args.seeds as usize, "driving");
         for seed in progress.over(args.common.seeds(args.seeds)) {
@@ -90,13 +93,19 @@ fn report(args: &Args, runs: &[Errors]) -> Result<()> {
         .number("ekf_heading_max_deg", all(&|run| run.fused_heading)?.mean());
     for (i, (name, _)) in LASERS.iter().enumerate() {
         let (alone, with_prior) = (all(&|run| run.alone[i])?, all(&|run| run.with_prior[i])?);
-        let worse = runs.iter().filter(|run| run.with_prior[i] > run.alone[i]).count();
+        let (alone_rms, with_prior_rms) = (all(&|run| run.alone_rms[i])?, all(&|run| run.with_prior_rms[i])?);
+        let worse =
+            |a: &dyn Fn(&Errors) -> f64, b: &dyn Fn(&Errors) -> f64| runs.iter().filter(|run| a(run) > b(run)).count();
         report
             .number(&format!("mcl_{name}_max_m"), alone.mean())
             .number(&format!("mcl_{name}_worst_m"), alone.max())
             .number(&format!("mcl_ekf_{name}_max_m"), with_prior.mean())
             .number(&format!("mcl_ekf_{name}_worst_m"), with_prior.max())
-            .count(&format!("mcl_ekf_{name}_worse"), worse);
+            .count(&format!("mcl_ekf_{name}_worse"), worse(&|run| run.with_prior[i], &|run| run.alone[i]))
+            .number(&format!("mcl_ekf_{name}_worse_by_m"), all(&|run| run.with_prior[i] - run.alone[i])?.max())
+            .number(&format!("mcl_{name}_rmse_m"), alone_rms.mean())
+            .number(&format!("mcl_ekf_{name}_rmse_m"), with_prior_rms.mean())
+            .count(&format!("mcl_ekf_{name}_rmse_worse"), worse(&|run| run.with_prior_rms[i], &|run| run.alone_rms[i]));
     }
     report.print(args.common.json)?;
     Ok(())
