@@ -6,6 +6,7 @@
 //! cargo run --release --example fuse_odometry_imu -- --seeds 100
 //! cargo run --release --example fuse_odometry_imu -- --imu-delay 0.1
 //! cargo run --release --example fuse_odometry_imu -- --mean-of-particles
+//! cargo run --release --example fuse_odometry_imu -- --resolution 0.02
 //! ```
 //!
 //! The paper does not state the noise. Here the odometry reads turns 3 % too large and adds 0.02 rad per metre, beside white noise;
@@ -49,10 +50,18 @@ struct Args {
     #[arg(long)]
     mean_of_particles: bool,
     /// Edge of a cell of the map, in metres: the estimates are off by up to half of it
-    #[arg(long, default_value_t = 0.05)]
+    #[arg(long, default_value_t = 0.05, value_parser = cell_edge)]
     resolution: f64,
     #[command(flatten)]
     common: CommonArgs,
+}
+
+/// So short that a box has cells.
+fn cell_edge(text: &str) -> std::result::Result<f64, String> {
+    match text.parse() {
+        Ok(edge) if (0.005..=0.2).contains(&edge) => Ok(edge),
+        _ => Err("not from 0.005 to 0.2 m".into()),
+    }
 }
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
