@@ -185,15 +185,6 @@ mod tests {
         assert!(search.state.tried < 400);
     }
 
-    /// Of 400 poses a quarter refines eight places, twelve trials each; what comes after these is kept as it is.
-    #[test]
-    fn more_places_are_kept_than_are_refined() {
-        let mut search = LikelihoodSearch::new(LikelihoodSearchParams::default()).unwrap();
-        follow(&mut search, 0..1);
-        let places = &search.state.places;
-        assert_eq!((places.len(), places.iter().filter(|place| place.rounds > 0).count()), (50, 8));
-    }
-
     #[test]
     fn what_was_found_in_another_belief_is_forgotten() {
         let (space, mut search) = (space(), LikelihoodSearch::new(LikelihoodSearchParams::default()).unwrap());
