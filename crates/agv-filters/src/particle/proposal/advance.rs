@@ -36,12 +36,9 @@ impl LikelihoodSearch {
     ) -> usize {
         self.carry(context);
         let trials = self.params.trials.max(1);
-        let refined = (poses / 4 / trials).clamp(1, self.params.refined);
-        // More than can be refined now: the right place may be one of many that look alike, and where it differs comes later.
-        let kept = (poses / 8).clamp(refined, self.params.refined);
+        let kept = (poses / 4 / trials).clamp(1, self.params.refined);
         let known = self.found.len();
-        // What is kept is weighed once more when it is compared with the estimate.
-        let fresh = poses.saturating_sub(known + kept + refined * trials).clamp(1, self.params.max_candidates);
+        let fresh = poses.saturating_sub(known + kept * trials).clamp(1, self.params.max_candidates);
         self.try_next(context, fresh);
         let is_weighed = self.weigh(observation, sensor, context);
         self.rounds.clear();
@@ -49,7 +46,7 @@ impl LikelihoodSearch {
         self.found.clear();
         if is_weighed {
             self.keep_best(kept);
-            self.refine(observation, sensor, context, refined);
+            self.refine(observation, sensor, context);
             self.sort_found();
         }
         self.remember();

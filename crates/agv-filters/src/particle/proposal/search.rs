@@ -96,7 +96,7 @@ impl LikelihoodSearch {
         if self.weigh(observation, sensor, context) {
             self.keep_best(self.params.refined);
             for _ in 0..self.params.rounds {
-                self.refine(observation, sensor, context, self.found.len());
+                self.refine(observation, sensor, context);
             }
             self.sort_found();
         }
@@ -148,16 +148,14 @@ impl LikelihoodSearch {
         }
     }
 
-    /// Tries poses around so many of those that were found first, and moves each to the best: a round nearer than the last.
+    /// Tries poses around each that was found, and moves it to the best: a round nearer than the last.
     pub(super) fn refine<Z: ?Sized, S: WeighParticles<Z> + ?Sized>(
         &mut self,
         observation: &Z,
         sensor: &mut S,
         context: &ProposalContext<'_>,
-        most: usize,
     ) {
-        let (params, trials) = (&self.params, self.params.trials);
-        let found = &self.found[..most.min(self.found.len())];
+        let (params, trials, found) = (&self.params, self.params.trials, &self.found);
         if trials == 0 || params.rounds == 0 {
             return;
         }
