@@ -6,6 +6,7 @@
 //! cargo run --release --example fuse_odometry_imu -- --seeds 100
 //! cargo run --release --example fuse_odometry_imu -- --imu-delay 0.1
 //! cargo run --release --example fuse_odometry_imu -- --mean-of-particles
+//! cargo run --release --example fuse_odometry_imu -- --resolution 0.02
 //! ```
 //!
 //! The paper does not state the noise. Here the odometry reads turns 3 % too large and adds 0.02 rad per metre, beside white noise;
@@ -48,8 +49,19 @@ struct Args {
     /// Take the mean of the particles, as the paper does, instead of the peak of the scan's likelihood near it
     #[arg(long)]
     mean_of_particles: bool,
+    /// Edge of a cell of the map, in metres: the estimates are off by up to half of it
+    #[arg(long, default_value_t = 0.05, value_parser = cell_edge)]
+    resolution: f64,
     #[command(flatten)]
     common: CommonArgs,
+}
+
+/// So short that a box has cells.
+fn cell_edge(text: &str) -> std::result::Result<f64, String> {
+    match text.parse() {
+        Ok(edge) if (0.005..=0.2).contains(&edge) => Ok(edge),
+        _ => Err("not from 0.005 to 0.2 m".into()),
+    }
 }
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error>>;
@@ -58,7 +70,7 @@ fn main() -> ExitCode {
     let args = Args::parse();
     agv_support::run(|| {
         let out = args.common.out_folder("fuse_odometry_imu")?;
-        let hall = Hall::new()?;
+        let hall = Hall::new(args.resolution)?;
         let (mut errors, mut first) = (Vec::new(), None);
         let progress = Progress::new(args.seeds as usize, "driving");
         for seed in progress.over(args.common.seeds(args.seeds)) {
@@ -90,13 +102,19 @@ fn report(args: &Args, runs: &[Errors]) -> Result<()> {
         .number("ekf_heading_max_deg", all(&|run| run.fused_heading)?.mean());
     for (i, (name, _)) in LASERS.iter().enumerate() {
         let (alone, with_prior) = (all(&|run| run.alone[i])?, all(&|run| run.with_prior[i])?);
-        let worse = runs.iter().filter(|run| run.with_prior[i] > run.alone[i]).count();
+        let (alone_rms, with_prior_rms) = (all(&|run| run.alone_rms[i])?, all(&|run| run.with_prior_rms[i])?);
+        let worse =
+            |a: &dyn Fn(&Errors) -> f64, b: &dyn Fn(&Errors) -> f64| runs.iter().filter(|run| a(run) > b(run)).count();
         report
             .number(&format!("mcl_{name}_max_m"), alone.mean())
             .number(&format!("mcl_{name}_worst_m"), alone.max())
             .number(&format!("mcl_ekf_{name}_max_m"), with_prior.mean())
             .number(&format!("mcl_ekf_{name}_worst_m"), with_prior.max())
-            .count(&format!("mcl_ekf_{name}_worse"), worse);
+            .count(&format!("mcl_ekf_{name}_worse"), worse(&|run| run.with_prior[i], &|run| run.alone[i]))
+            .number(&format!("mcl_ekf_{name}_worse_by_m"), all(&|run| run.with_prior[i] - run.alone[i])?.max())
+            .number(&format!("mcl_{name}_rmse_m"), alone_rms.mean())
+            .number(&format!("mcl_ekf_{name}_rmse_m"), with_prior_rms.mean())
+            .count(&format!("mcl_ekf_{name}_rmse_worse"), worse(&|run| run.with_prior_rms[i], &|run| run.alone_rms[i]));
     }
     report.print(args.common.json)?;
     Ok(())

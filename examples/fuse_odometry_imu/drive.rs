@@ -11,8 +11,6 @@ use agv_sim::{
     VehicleParams,
 };
 
-/// Edge of a map cell, in metres.
-const RESOLUTION: f64 = 0.05;
 /// Step of the simulation, and of odometry and IMU, in seconds.
 const STEP: f64 = 0.05;
 /// Radius of the vehicle, in metres.
@@ -38,9 +36,10 @@ pub(crate) struct Hall {
 }
 
 impl Hall {
-    pub(crate) fn new() -> Result<Self> {
-        let (columns, rows) = (300, 240);
-        let layout = GridLayout::new(columns, rows, RESOLUTION, Se2::new(0.0, -6.0, 0.0))?;
+    /// The hall as a map with cells of this edge, in metres.
+    pub(crate) fn new(resolution: f64) -> Result<Self> {
+        let [columns, rows] = [15.0, 12.0].map(|side: f64| (side / resolution).round() as usize);
+        let layout = GridLayout::new(columns, rows, resolution, Se2::new(0.0, -6.0, 0.0))?;
         let mut map = Grid::filled(layout, CellState::Free);
         for index in 0..layout.len() {
             let cell = layout.cell(index);

@@ -60,6 +60,10 @@ impl Estimates {
     pub(crate) fn errors(&self, drive: &Drive) -> Result<Errors> {
         let truth = drive.truths();
         let largest = |poses: &[Se2]| Ok::<_, agv_nav::core::Error>(Statistics::new(distances(poses, &truth))?.max());
+        let rms = |poses: &[Se2]| {
+            let squares = distances(poses, &truth).iter().map(|d| d * d).sum::<f64>();
+            (squares / truth.len().max(1) as f64).sqrt()
+        };
         let turned = |poses: &[Se2]| {
             let turns = poses.iter().zip(&truth).map(|(a, b)| wrap_angle(a.yaw() - b.yaw()).abs().to_degrees());
             turns.fold(0.0, f64::max)
@@ -71,11 +75,13 @@ impl Estimates {
             fused_heading: turned(&self.fused),
             alone: [largest(&self.alone[0])?, largest(&self.alone[1])?],
             with_prior: [largest(&self.with_prior[0])?, largest(&self.with_prior[1])?],
+            alone_rms: [rms(&self.alone[0]), rms(&self.alone[1])],
+            with_prior_rms: [rms(&self.with_prior[0]), rms(&self.with_prior[1])],
         })
     }
 }
 
-/// Largest errors over a drive, in metres and degrees.
+/// Largest errors over a drive, in metres and degrees, and root mean squares of the particle filters' ones.
 pub(crate) struct Errors {
     pub(crate) odometry: f64,
     pub(crate) fused: f64,
@@ -83,6 +89,8 @@ pub(crate) struct Errors {
     pub(crate) fused_heading: f64,
     pub(crate) alone: [f64; 2],
     pub(crate) with_prior: [f64; 2],
+    pub(crate) alone_rms: [f64; 2],
+    pub(crate) with_prior_rms: [f64; 2],
 }
 
 /// Distances between poses, in metres.

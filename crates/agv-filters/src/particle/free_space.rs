@@ -1,5 +1,6 @@
 //! Where the vehicle can stand: what global initialisation draws from.
 
+use super::hilbert::along_hilbert_curve;
 use agv_core::{
     Error, check,
     geometry::Se2,
@@ -39,6 +40,8 @@ pub struct FreeSpace {
     radius: f64,
     /// Indices of the cells, in increasing order; not empty.
     cells: Arc<[u32]>,
+    /// The same along a Hilbert curve: equal parts of it are patches.
+    along_curve: Arc<[u32]>,
 }
 
 impl FreeSpace {
@@ -59,7 +62,14 @@ impl FreeSpace {
         if cells.is_empty() {
             return Err(Error::Empty { name: "free space" });
         }
-        Ok(Self { layout: *map.layout(), radius, cells })
+        let layout = *map.layout();
+        let mut along_curve = Vec::with_capacity(cells.len());
+        along_hilbert_curve(layout.width(), layout.height(), |index| {
+            if has_room(index) {
+                along_curve.push(index as u32);
+            }
+        });
+        Ok(Self { layout, radius, cells, along_curve: along_curve.into() })
     }
 
     /// The part that can be reached from a map point: the area with the cell nearest to the point. A vehicle may stand
@@ -91,7 +101,13 @@ impl FreeSpace {
 
     fn only(&self, components: &Components, area: u32) -> Self {
         let is_in_area = |index: &u32| components.label_at(*index as usize) == Some(area);
-        Self { cells: self.cells.iter().copied().filter(is_in_area).collect(), ..self.clone() }
+        let kept = |cells: &[u32]| cells.iter().copied().filter(is_in_area).collect();
+        Self {
+            layout: self.layout,
+            radius: self.radius,
+            cells: kept(&self.cells),
+            along_curve: kept(&self.along_curve),
+        }
     }
 
     /// Size, resolution and pose of the map.
@@ -113,11 +129,11 @@ impl FreeSpace {
     /// A pose in free space, uniform over area and heading.
     pub fn sample(&self, stream: &mut impl Rng) -> Se2 {
         let cell = stream.random_range(0..self.cells.len());
-        self.pose_in(cell, stream.random(), stream)
+        self.pose_in(self.cells[cell], stream.random(), stream)
     }
 
     /// The pose `index` of `count` that are spread over area and heading, as an [`ImprovedSwarm`](super::ImprovedSwarm) spreads them: each lies in its own of `count`
-    /// equal parts of the area, and the headings follow each other by the golden ratio of a turn, so that those of poses that
+    /// equal patches of the area, and the headings follow each other by the golden ratio of a turn, so that those of poses that
     /// are numbered close to each other differ as much as they can.
     ///
     /// Each is uniform over area and heading if its index is drawn uniformly; all together leave fewer and smaller gaps than
@@ -127,12 +143,12 @@ impl FreeSpace {
         let count = count.max(1) as f64;
         let at = (index as f64 + stream.random::<f64>()) / count * self.cells.len() as f64;
         let turn = (index as f64 * GOLDEN + stream.random::<f64>() / count.sqrt()).fract();
-        self.pose_in((at as usize).min(self.cells.len() - 1), turn, stream)
+        self.pose_in(self.along_curve[(at as usize).min(self.cells.len() - 1)], turn, stream)
     }
 
     /// A pose in a cell, given its heading as a part of a turn.
-    fn pose_in(&self, cell: usize, turn: f64, stream: &mut impl Rng) -> Se2 {
-        let Cell { x, y } = self.layout.cell(self.cells[cell] as usize);
+    fn pose_in(&self, cell: u32, turn: f64, stream: &mut impl Rng) -> Se2 {
+        let Cell { x, y } = self.layout.cell(cell as usize);
         let within = Vector2::new(f64::from(x) + stream.random::<f64>(), f64::from(y) + stream.random::<f64>());
         let point = self.layout.to_map(&within);
         Se2::new(point.x, point.y, PI * (2.0 * turn - 1.0))

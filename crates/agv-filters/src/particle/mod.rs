@@ -17,6 +17,7 @@ mod excursion;
 mod exp;
 mod free_space;
 mod gaussian;
+mod hilbert;
 mod histogram;
 mod kld;
 mod mcl;

@@ -8,25 +8,34 @@
 
 #![expect(clippy::inline_always, reason = "only what is inlined is compiled for the instruction set found at run time")]
 
-use super::{ParticleSet, WeightSummary, set::WeightSums};
+use super::{
+    ParticleSet, WeightSummary,
+    set::{WeightSums, chunk_of},
+};
 use agv_core::compute::{CHUNK, Par};
 use pulp::{Arch, Simd, WithSimd};
 
 /// Most steps of the search for the power; five are usual.
 const STEPS: usize = 12;
 
-/// A power that leaves at most this many times as many particles effective as asked for is good enough.
+/// A power that leaves at most this many times as many particles effective as asked for is good enough; it is aimed at half of what
+/// is above one.
 const GOOD: f64 = 1.03;
+
+/// A set of more chunks is looked at by every eighth first.
+const LARGE: usize = 64;
+const SAMPLED: usize = 8;
 
 impl ParticleSet {
     /// Takes back so much of an observation that was just taken in by [`reweigh`](Self::reweigh) with these log-likelihoods
     /// that `least` particles are effective; the log-likelihoods are overwritten. The logarithm of the evidence stays that of the
     /// whole observation. Returns the power that is left as well.
     ///
-    /// Nothing changes if as many are effective already. O(particles) for each of some five steps.
+    /// Nothing changes if as many are effective already. O(particles) for each of some three steps.
     ///
     /// Where log-likelihoods are spread with the variance `s²`, about `n exp(-τ² s²)` particles are effective: the search is one for
-    /// the root of `ln N_eff` as a function of `τ²`, by false position in the Illinois form (Dowell and Jarratt 1971).
+    /// the root of `ln N_eff` as a function of `τ²`, by false position in the Illinois form (Dowell and Jarratt 1971). In a large set it
+    /// begins where every eighth chunk has it.
     pub(super) fn temper(
         &mut self,
         log_likelihoods: &mut [f64],
@@ -37,30 +46,13 @@ impl ParticleSet {
         if summary.effective_sample_size >= least {
             return (summary, 1.0);
         }
-        let above = |effective: f64| (effective / least).max(f64::MIN_POSITIVE).ln();
-        // `τ²`, and how far above what was asked for.
-        let mut low = (0.0, above(self.len() as f64));
-        let mut high = (1.0, above(summary.effective_sample_size));
-        let mut last_was_low = None;
-        for _ in 0..STEPS {
-            let share = low.1 / (low.1 - high.1);
-            let share = if share > 0.01 { share.min(0.99) } else { 0.01 };
-            let square = low.0 + share * (high.0 - low.0);
-            let effective = self.effective_at(log_likelihoods, square.sqrt(), par);
-            let is_low = effective >= least;
-            // An end that stays draws less and less.
-            let keeps = last_was_low == Some(is_low);
-            if is_low {
-                (low, high.1) = ((square, above(effective)), if keeps { 0.5 * high.1 } else { high.1 });
-                if effective <= GOOD * least {
-                    break;
-                }
-            } else {
-                (high, low.1) = ((square, above(effective)), if keeps { 0.5 * low.1 } else { low.1 });
-            }
-            last_was_low = Some(is_low);
-        }
-        let power = low.0.sqrt();
+        let count = self.len() as f64;
+        let ends = [count, summary.effective_sample_size].map(|effective| effective / least);
+        let is_large = self.len() > LARGE * CHUNK;
+        let begin = is_large
+            .then(|| search(ends, None, |power| self.effective_at(log_likelihoods, power, SAMPLED, par) / least))
+            .filter(|&power| power > 0.0);
+        let power = search(ends, begin, |power| self.effective_at(log_likelihoods, power, 1, par) / least);
         for value in log_likelihoods.iter_mut() {
             // What is impossible stays so.
             *value = if value.is_finite() { (power - 1.0) * *value } else { 0.0 };
@@ -71,22 +63,57 @@ impl ParticleSet {
         (tempered, power)
     }
 
-    /// Effective number of particles if the observation, which the weights hold, counted with this power.
-    fn effective_at(&self, log_likelihoods: &[f64], power: f64, par: Par) -> f64 {
-        let (data, arch) = ((self.log_weights(), log_likelihoods), Arch::new());
-        let sums = par.map_reduce_chunks(
-            data,
-            CHUNK,
-            |_, (log_weights, log_likelihoods): (&[f64], &[f64])| {
-                let mut terms = [0.0; CHUNK];
-                let terms = &mut terms[..log_weights.len()];
-                arch.dispatch(Tempered { log_weights, log_likelihoods, power, terms });
-                WeightSums::of(terms, &[0.0; CHUNK][..terms.len()], arch)
-            },
-            WeightSums::with,
-        );
-        sums.map_or(0.0, |sums| sums.effective_sample_size())
+    /// Effective number of particles if the observation, which the weights hold, counted with this power; as the first of each `stride`
+    /// chunks have it.
+    fn effective_at(&self, log_likelihoods: &[f64], power: f64, stride: usize, par: Par) -> f64 {
+        let (log_weights, arch) = (self.log_weights(), Arch::new());
+        let chunks = self.len().div_ceil(CHUNK).div_ceil(stride);
+        let of_chunk = |index: usize| {
+            let [log_weights, log_likelihoods] =
+                [log_weights, log_likelihoods].map(|values| chunk_of(values, index * stride));
+            let mut terms = [0.0; CHUNK];
+            let terms = &mut terms[..log_weights.len()];
+            arch.dispatch(Tempered { log_weights, log_likelihoods, power, terms });
+            (WeightSums::of(terms, &[0.0; CHUNK][..terms.len()], arch), terms.len())
+        };
+        let sums = par.map_reduce(chunks, of_chunk, |(a, m), (b, n)| (a.with(b), m + n));
+        sums.map_or(0.0, |(sums, seen)| sums.effective_sample_size() * self.len() as f64 / seen as f64)
     }
+}
+
+/// The power of an observation that leaves as many effective as are asked for, or a few more, of `ratio(power)` as many. Without it
+/// (power zero) and with all of it there are as many times as many as the `ends` say; `begin` is tried first.
+fn search(ends: [f64; 2], begin: Option<f64>, ratio: impl Fn(f64) -> f64) -> f64 {
+    let above = |ratio: f64| (ratio / (0.5 * (1.0 + GOOD))).max(f64::MIN_POSITIVE).ln();
+    // `τ²`, and how far above what is aimed at.
+    let (mut low, mut high) = ((0.0, above(ends[0])), (1.0, above(ends[1])));
+    let (origin, mut last) = (low.1, (0.0, low.1));
+    let mut last_was_low = None;
+    for step in 0..STEPS {
+        let share = low.1 / (low.1 - high.1);
+        let share = if share > 0.01 { share.min(0.99) } else { 0.01 };
+        let square = match (step, begin) {
+            (0, Some(power)) => power * power,
+            // The whole observation lies far beyond, where the curve is flat: the line from the origin is the better one.
+            (1, Some(_)) => (last.0 * origin / (origin - last.1)).clamp(low.0, high.0),
+            _ => low.0 + share * (high.0 - low.0),
+        };
+        let ratio = ratio(square.sqrt());
+        last = (square, above(ratio));
+        let is_low = ratio >= 1.0;
+        // An end that stays draws less and less.
+        let keeps = last_was_low == Some(is_low);
+        if is_low {
+            (low, high.1) = (last, if keeps { 0.5 * high.1 } else { high.1 });
+            if ratio <= GOOD {
+                break;
+            }
+        } else {
+            (high, low.1) = (last, if keeps { 0.5 * low.1 } else { low.1 });
+        }
+        last_was_low = Some(is_low);
+    }
+    low.0.sqrt()
 }
 
 /// Logarithms of the weights that hold the observation, if it counted with a power.

@@ -241,7 +241,9 @@ where
             // One at least is kept, so that there is a set to add to.
             fresh = proposed.len().min(wanted).min(count - 1);
             particles.resample(count - fresh, &self.rules.resampler, &mut seed.stream(*step, 0), self.par);
-            particles.extend(&proposed[..fresh]);
+            if fresh > 0 {
+                particles.extend(&proposed[..fresh]);
+            }
             *drawn = LastDrawn::now(*odom_from_base);
         }
         if resampled || most > 0 {

@@ -9,6 +9,7 @@
 
 #[cfg(feature = "serde")]
 mod checkpoint;
+mod comb;
 mod reweigh;
 mod state;
 mod weighed;
@@ -68,7 +69,11 @@ pub struct ParticleSet<X = Se2> {
     weights: Vec<f64>,
     /// Where new states are written, before the two change places.
     spare: Vec<X>,
+    /// Where new weights are written as long as the old ones are read.
+    spare_weights: Vec<f64>,
     ancestors: Vec<u32>,
+    /// Scratch: the running sum of the weights at the begin of each chunk, and at the end of the last.
+    sums: Vec<f64>,
 }
 
 impl<X: PartialEq> PartialEq for ParticleSet<X> {
@@ -115,7 +120,9 @@ impl<X: ParticleState> ParticleSet<X> {
             spare: states.clone(),
             log_weights: vec![0.0; count],
             weights: vec![0.0; count],
+            spare_weights: vec![0.0; count],
             ancestors: vec![0; count],
+            sums: Vec::with_capacity(count.div_ceil(CHUNK) + 1),
             states,
         };
         set.equalize();
@@ -133,7 +140,10 @@ impl<X: ParticleState> ParticleSet<X> {
         self.spare.resize(capacity, filler);
         self.log_weights.resize(capacity, 0.0);
         self.weights.resize(capacity, 0.0);
+        self.spare_weights.resize(capacity, 0.0);
         self.ancestors.resize(capacity, 0);
+        self.sums.clear();
+        self.sums.reserve(capacity.div_ceil(CHUNK) + 1);
         Ok(self)
     }
 
@@ -239,6 +249,9 @@ impl<X: ParticleState> ParticleSet<X> {
         par: Par,
     ) -> &[u32] {
         let count = count.clamp(1, self.capacity());
+        if let Some(offset) = resampler.first_of_equally_spaced(stream) {
+            return self.resample_by_comb(count, offset, par);
+        }
         self.resample_by(par, |_, weights, ancestors| {
             resampler.resample(weights, stream, &mut ancestors[..count]);
             count
