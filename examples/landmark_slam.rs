@@ -7,12 +7,16 @@
 //! cargo run --release --example landmark_slam -- --data mrpt_kfslam_demo_rb.txt.gz --association known
 //! ```
 //!
-//! The log is of one of the formats of `docs/formats.md`, told apart by their lines; files that belong together are found side by side. The
-//! settings follow from the format. `--association joint` and `nearest` do not look at the landmarks' names, except to judge.
+//! The log is of one of the formats of `docs/formats.md`, told apart by their lines; files that belong together are found side by side. How much
+//! odometry and sensor err is found by the log itself, without the truth. `--association joint` and `nearest` do not look at the landmarks' names, except to judge.
 //!
 //! You will see how long an update takes, how many landmarks there are, and the errors against the truth as far as it is known. In
 //! `target/agv/landmark_slam/`: `trajectory.tum`, `landmarks.txt` (number, x, y) and `landmarks.svg`. It takes a second or two.
 
+#[path = "landmark_slam/calibrate.rs"]
+mod calibrate;
+#[path = "landmark_slam/graph.rs"]
+mod graph;
 #[path = "landmark_slam/judge.rs"]
 mod judge;
 #[path = "landmark_slam/pictures.rs"]
@@ -53,6 +57,9 @@ struct Args {
     /// True places of the landmarks: number, x, y
     #[arg(long, requires = "data")]
     landmarks: Option<PathBuf>,
+    /// Believe the deviations that the log states, or the defaults, in place of those that the log itself tells
+    #[arg(long)]
+    stated_noise: bool,
     /// Hold errors in each coordinate by itself, as textbooks do, for comparison
     #[arg(long)]
     additive: bool,
@@ -67,10 +74,21 @@ fn main() -> ExitCode {
     agv_support::run(|| {
         let out = args.common.out_folder("landmark_slam")?;
         let log = load(&args)?;
-        let settings = settings::of(&log, &args)?;
-        let run = replay::run(&log, &settings, args.method)?;
+        let mut settings = settings::of(&log, &args)?;
+        if !args.stated_noise {
+            settings = calibrate::calibrate(&log, &settings)?;
+        }
         let mut report = Report::new("A map of landmarks");
+        let run = match args.method {
+            replay::Method::Ekf => replay::run(&log, &settings)?,
+            replay::Method::Graph => {
+                let (run, merged) = graph::run(&log, &settings)?;
+                report.count("landmarks_merged", merged);
+                run
+            }
+        };
         judge::report(&log, &run, &mut report)?;
+        report.numbers("noise_factors", &settings.factors);
         pictures::write(&out, &log, &run)?;
         report.print(args.common.json)?;
         Result::Ok(())

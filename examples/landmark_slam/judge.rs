@@ -20,10 +20,10 @@ pub(crate) fn report(log: &LandmarkLog, run: &Run, report: &mut Report) -> Resul
         .number("total_s", run.timings.total_milliseconds() / 1e3)
         .count("landmarks", run.landmarks.iter().filter(|landmark| landmark.confirmed).count())
         .count("landmarks_tentative", run.landmarks.iter().filter(|landmark| !landmark.confirmed).count())
-        .count("sightings", run.sightings)
-        .count("sightings_left_out", run.left_out)
-        .number("innovation_square_mean", run.innovation_square)
-        .number("log_likelihood", run.log_likelihood);
+        .count("sightings", run.counts.sightings)
+        .count("sightings_left_out", run.counts.left_out)
+        .number("innovation_square_mean", run.counts.square / run.counts.degrees as f64)
+        .number("log_likelihood", run.counts.log_likelihood);
     if run.range_scale.1 > 0.0 {
         report.numbers("range_scale", &[run.range_scale.0, run.range_scale.1]);
     }
@@ -46,9 +46,9 @@ pub(crate) fn report(log: &LandmarkLog, run: &Run, report: &mut Report) -> Resul
         .iter()
         .filter(|landmark| landmark.confirmed)
         .filter_map(|landmark| {
-            let name = names.get(&landmark.key.number()).copied().flatten()?;
+            let name = names.get(&landmark.key).copied().flatten()?;
             let truth = log.landmarks.iter().find(|(id, _)| *id == name)?.1;
-            let (mean, truth) = (landmark.place.mean(), Se2::new(truth.x, truth.y, 0.0));
+            let (mean, truth) = (landmark.place, Se2::new(truth.x, truth.y, 0.0));
             Some(PosePair { stamp: Stamp::default(), reference: truth, estimate: Se2::new(mean.x, mean.y, 0.0) })
         })
         .collect();

@@ -25,8 +25,7 @@ pub(crate) fn write(out: &FilePath, log: &LandmarkLog, run: &Run) -> Result<()> 
     trajectory::write_tum(out.join("trajectory.tum"), &poses)?;
     let mut text = String::from("# landmark x y\n");
     for landmark in &run.landmarks {
-        let place = landmark.place.mean();
-        let _ = writeln!(text, "{} {} {}", landmark.id.unwrap_or(landmark.key.number()), place.x, place.y);
+        let _ = writeln!(text, "{} {} {}", landmark.key, landmark.place.x, landmark.place.y);
     }
     input::write(out.join("landmarks.txt"), text.as_bytes())?;
     draw(log, run)?.write(out.join("landmarks.svg"))?;
@@ -58,12 +57,12 @@ fn draw(log: &LandmarkLog, run: &Run) -> Result<Scene> {
     }
     for (i, landmark) in run.landmarks.iter().filter(|landmark| landmark.confirmed).enumerate() {
         let label = if i == 0 { "landmarks, 95 %" } else { "" };
-        scene = scene.mark(label, Color::Red, *landmark.place.mean());
-        let eigen = landmark.place.covariance().symmetric_eigen();
+        scene = scene.mark(label, Color::Red, landmark.place);
+        let eigen = landmark.covariance.symmetric_eigen();
         let axes = eigen.eigenvalues.map(|variance| SIGMAS * variance.max(0.0).sqrt());
         let ellipse = (0..=32).map(|i| {
             let (sin, cos) = (TAU * f64::from(i) / 32.0).sin_cos();
-            landmark.place.mean() + eigen.eigenvectors * Vector2::new(axes.x * cos, axes.y * sin)
+            landmark.place + eigen.eigenvectors * Vector2::new(axes.x * cos, axes.y * sin)
         });
         scene = scene.line("", Color::Red, ellipse);
     }

@@ -2,12 +2,14 @@
 
 use super::{Args, Result};
 use agv_nav::{
-    core::geometry::UncertainVector,
+    core::{geometry::UncertainVector, odometry::OdometryIncrement},
     filters::slam::landmark::{
         Association, LandmarkReading, LandmarkSighting, LandmarkSlamParams, SlamErrors, WayNoise,
     },
+    nalgebra::Matrix3,
+    prelude::*,
 };
-use agv_support::landmark_log::{LandmarkLog, Seen, SeenAs};
+use agv_support::landmark_log::{LandmarkLog, LandmarkStep, Seen, SeenAs};
 
 /// How sightings find their landmarks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -29,6 +31,8 @@ pub(crate) struct Settings {
     pub(crate) sigmas: [f64; 2],
     /// Of ranges alone.
     pub(crate) range_sigma: f64,
+    /// By which the deviations of odometry and of sightings are multiplied.
+    pub(crate) factors: [f64; 2],
 }
 
 /// Settings for a log.
@@ -55,16 +59,32 @@ pub(crate) fn of(log: &LandmarkLog, args: &Args) -> Result<Settings> {
         params.way_noise = WayNoise { forward: 0.02, sideways: 0.01, yaw_by_way: 0.002, yaw_by_turn: 0.005 };
         params.range_scale_sigma = 0.1;
     }
-    Ok(Settings { params, finding, sigmas: [0.02, 0.004], range_sigma: 0.7 })
+    Ok(Settings { params, finding, sigmas: [0.02, 0.004], range_sigma: 0.7, factors: [1.0; 2] })
 }
 
 impl Settings {
+    /// The motion of a step for the filter.
+    pub(crate) fn motion(&self, start: Stamp, step: &LandmarkStep) -> OdometryIncrement {
+        let stated = if step.covariance == Matrix3::zeros() {
+            self.params.way_noise.covariance(&step.motion)
+        } else {
+            step.covariance
+        };
+        let covariance = stated * (self.factors[0] * self.factors[0]);
+        OdometryIncrement { start, end: step.stamp, start_from_end: step.motion, covariance }
+    }
+
     /// A sighting for the filter, with its name or without.
     pub(crate) fn sighting(&self, seen: &Seen) -> Result<LandmarkSighting> {
+        let factor = self.factors[1];
         let reading = match seen.measured {
-            SeenAs::RangeBearing(range, bearing) => LandmarkReading::range_bearing(range, bearing, self.sigmas)?,
-            SeenAs::Place(place, covariance) => LandmarkReading::Place(UncertainVector::new(place, covariance)?),
-            SeenAs::Range(range) => LandmarkReading::range(range, self.range_sigma)?,
+            SeenAs::RangeBearing(range, bearing) => {
+                LandmarkReading::range_bearing(range, bearing, self.sigmas.map(|sigma| sigma * factor))?
+            }
+            SeenAs::Place(place, covariance) => {
+                LandmarkReading::Place(UncertainVector::new(place, covariance * (factor * factor))?)
+            }
+            SeenAs::Range(range) => LandmarkReading::range(range, self.range_sigma * factor)?,
         };
         Ok(LandmarkSighting::new(seen.id.filter(|_| self.finding == Finding::Known), reading))
     }

@@ -6,7 +6,10 @@ use crate::{
 };
 use agv_nav::{
     core::geometry::Se2,
-    filters::slam::graph::{GraphSlam, GraphSlamParams},
+    filters::slam::{
+        graph::{GraphSlam, GraphSlamParams},
+        landmark::{LandmarkGraphSlam, LandmarkGraphSlamParams},
+    },
 };
 
 #[test]
@@ -22,5 +25,26 @@ fn graph_slam() {
         }
         let poses: Vec<Se2> = slam.trajectory().map(|(_, pose)| pose).collect();
         Digest::new().poses(&poses).integers(slam.map().unwrap().evidence().iter().copied())
+    });
+}
+
+/// Sequential: the bits of one build are those of the other.
+#[test]
+fn landmark_slam() {
+    let looks = scenes::landmarks::rounds(130);
+    assert_same_bits("LandmarkSlam", |_| {
+        let mut slam = scenes::landmarks::filter();
+        scenes::landmarks::run(&mut slam, &looks);
+        let places = slam.landmarks().flat_map(|landmark| landmark.place.mean().map(f64::to_bits).data.0[0]);
+        Digest::new().poses(&[slam.map_from_base()]).bits(places.collect::<Vec<_>>())
+    });
+    assert_same_bits("LandmarkGraphSlam", |_| {
+        let mut slam = LandmarkGraphSlam::new(LandmarkGraphSlamParams::default()).unwrap();
+        for (odometry, seen) in &looks {
+            slam.predict(odometry).unwrap();
+            slam.update(seen).unwrap();
+        }
+        slam.finish().unwrap();
+        Digest::new().poses(slam.graph().poses())
     });
 }

@@ -13,7 +13,7 @@ const PAIRS: [(u32, u32); 4] = [(0, 1), (3, 1), (2, 3), (3, 1)];
 
 fn empty() -> SparseNormalEquations {
     let mut system = SparseNormalEquations::default();
-    system.reset(3, 4, PAIRS).unwrap();
+    system.reset(Layout::uniform(3, 4), PAIRS).unwrap();
     system
 }
 
@@ -87,7 +87,7 @@ fn residuals_by_unknown_add_up_to_the_same() {
 #[test]
 fn what_has_no_place_is_a_fault() {
     let mut system = empty();
-    assert!(system.reset(3, 4, [(0, 4)]).is_err() && system.reset(0, 4, []).is_err());
+    assert!(system.reset(Layout::uniform(3, 4), [(0, 4)]).is_err() && system.reset(Layout::uniform(0, 4), []).is_err());
     let unit = Matrix3::<f64>::identity();
     system = empty();
     system.add_block(0, 2, unit.as_slice());

@@ -169,6 +169,7 @@ impl WithSimd for Products<'_> {
 }
 
 #[cfg(test)]
+#[expect(clippy::disallowed_types, reason = "the dense reference")]
 mod tests {
     use super::*;
     use nalgebra::DMatrix;

@@ -4,6 +4,9 @@
 //! does not learn what cannot be observed ([`SlamErrors`]). Sightings tell range and bearing, a place, or a range alone
 //! ([`LandmarkReading`]); which landmark they are of is known, or found ([`Association`]).
 //!
+//! [`LandmarkGraphSlam`] puts a graph of all poses and landmarks behind the filter ([`LandmarkGraph`], [`LandmarkGraphSolver`]), for the best map
+//! of a whole drive.
+//!
 //! | a sighting | becomes |
 //! |---|---|
 //! | of a landmark that it names, or that is the only one to explain it | a correction |
@@ -15,14 +18,24 @@ mod association;
 #[cfg(feature = "serde")]
 mod checkpoint;
 mod filter;
+mod graph;
+mod graph_slam;
 mod joint;
 mod params;
+mod problem;
 mod ranging;
 mod reading;
 mod results;
+mod solver;
 mod state;
 
 pub use filter::LandmarkSlam;
+pub use graph::{GraphLandmark, LandmarkGraph, Tie};
+pub use graph_slam::{LandmarkGraphSlam, LandmarkGraphSlamParams};
 pub use params::{Association, LandmarkSlamParams, RangeStart, SensorView, SlamErrors, WayNoise};
 pub use reading::{LandmarkReading, LandmarkSighting};
 pub use results::{LandmarkKey, LandmarkUpdate, MappedLandmark, SightingOutcome};
+pub use solver::LandmarkGraphSolver;
+
+#[cfg(test)]
+mod tests;
