@@ -128,7 +128,7 @@ pub struct LandmarkSlamParams {
     pub view: Option<SensorView>,
     /// Start of landmarks of which only ranges are measured.
     pub range_start: RangeStart,
-    /// Most pairs that a joint association looks at for one update; the best found by then is taken.
+    /// Most pairs that a joint association looks at for one update, at least 32; the best found by then is taken.
     pub joint_work: usize,
     /// Most landmarks; further ones are not added.
     pub most_landmarks: usize,
@@ -174,6 +174,7 @@ impl LandmarkSlamParams {
         check::in_range("most ranges", start.most as f64, 1.0, 1000.0)?;
         check::non_negative("lead", start.lead)?;
         check::positive("certainty", start.certainty)?;
+        check::at_least("joint_work", self.joint_work, super::association::MOST_JOINT)?;
         check::in_range("most_landmarks", self.most_landmarks as f64, 0.0, 20_000.0).map(|_| ())
     }
 }

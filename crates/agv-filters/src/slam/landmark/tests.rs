@@ -202,7 +202,8 @@ fn the_graph_joins_what_is_one() {
     assert_eq!((merged, slam.landmarks().count()), (9, 9));
     let worst = truths.iter().zip(slam.graph().poses()).map(|(a, b)| a.minus(b).norm()).fold(0.0, f64::max);
     assert!(worst < 0.3, "{worst}");
-    assert_eq!(slam.optimize().unwrap().iterations, 0, "the optimum is reached");
+    let [cost, again] = [(); 2].map(|()| slam.optimize().unwrap().cost);
+    assert!((cost - again).abs() <= 1e-7 * cost, "the optimum is reached: {cost} {again}");
 }
 
 /// The covariance of many updates against the same by dense matrices, in the group's own coordinates.
@@ -291,6 +292,7 @@ fn bad_parameters_are_named() {
         LandmarkSlamParams { range_scale_sigma: -0.1, ..ok },
         LandmarkSlamParams { gate_probability: 1.0, ..ok },
         LandmarkSlamParams { novelty_probability: 0.5, ..ok },
+        LandmarkSlamParams { joint_work: 0, ..ok },
         LandmarkSlamParams { most_landmarks: usize::MAX, ..ok },
         LandmarkSlamParams { view: Some(SensorView { range: 0.0, half_angle: 1.0 }), ..ok },
         LandmarkSlamParams { view: Some(SensorView { range: 1.0, half_angle: 4.0 }), ..ok },
