@@ -1,45 +1,15 @@
 //! The dynamic window: roll-outs on a distance field, with few and many obstacle points, the field's update apart, and a whole cycle.
 
-use agv_core::compute::Seed;
+use agv_bench::window::{costmap, limits};
 use agv_core::geometry::{Se2, Twist2};
-use agv_core::grid::{CellState, Costmap, Footprint, Grid, GridLayout, LocalMap, LocalMapParams};
-use agv_core::kinematics::{MotionLimits, TwistLimits};
+use agv_core::grid::{Footprint, LocalMap, LocalMapParams};
 use agv_core::nalgebra::Vector2;
 use agv_core::path::Path;
 use agv_core::roles::{LocalPlanRequest, LocalPlanStatus, LocalPlanner, VehicleState};
 use agv_plan::dwa::{Dwa, DwaParams};
 use agv_plan::local::Trajectories;
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use rand_distr::{Distribution, Uniform};
 use std::hint::black_box;
-
-/// A rolling window of 10 m, with points at random but for a lane of two metres in its middle.
-fn costmap(points: usize) -> Costmap {
-    let layout = GridLayout::new(200, 200, 0.05, Se2::new(-5.0, -5.0, 0.0)).unwrap();
-    let mut map = Grid::filled(layout, CellState::Free);
-    let (mut stream, any) = (Seed(3).stream(0, 0), Uniform::new(-5.0, 5.0).unwrap());
-    let mut set = 0;
-    while set < points {
-        let point: Vector2<f64> = Vector2::new(any.sample(&mut stream), any.sample(&mut stream));
-        if point.y.abs() > 1.0 {
-            map.set(layout.cell_at(&point).unwrap(), CellState::Occupied);
-            set += 1;
-        }
-    }
-    Costmap::from_map(&map)
-}
-
-fn limits() -> MotionLimits {
-    TwistLimits {
-        forward_speed: 2.0,
-        yaw_rate: 2.0,
-        acceleration: 2.0,
-        deceleration: 2.0,
-        yaw_acceleration: 4.0,
-        ..TwistLimits::default()
-    }
-    .into()
-}
 
 fn dwa(criterion: &mut Criterion) {
     let footprint = Footprint::rectangle(-0.254, 0.254, 0.43).unwrap();

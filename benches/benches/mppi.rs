@@ -1,45 +1,20 @@
 //! Model predictive path integral control: a whole cycle among points, on one thread and on two. (Nav2's controller takes 7.5 to 12 ms
 //! for 2000 samples of 50 steps, as published and as measured elsewhere.)
 
+use agv_bench::window::{costmap, limits};
 use agv_core::compute::{Par, Seed};
 use agv_core::geometry::{Se2, Twist2};
-use agv_core::grid::{CellState, Costmap, Footprint, Grid, GridLayout, LocalMap, LocalMapParams};
-use agv_core::kinematics::{MotionLimits, TwistLimits};
+use agv_core::grid::{Footprint, LocalMap, LocalMapParams};
 use agv_core::nalgebra::Vector2;
 use agv_core::path::Path;
 use agv_core::roles::{LocalPlanRequest, LocalPlanStatus, LocalPlanner, VehicleState};
 use agv_plan::mppi::{Mppi, MppiParams};
 use criterion::{BenchmarkId, Criterion, Throughput, criterion_group, criterion_main};
-use rand_distr::{Distribution, Uniform};
 use std::hint::black_box;
-
-/// A rolling window of 10 m, with points at random but for a lane of two metres in its middle.
-fn costmap(points: usize) -> Costmap {
-    let layout = GridLayout::new(200, 200, 0.05, Se2::new(-5.0, -5.0, 0.0)).unwrap();
-    let mut map = Grid::filled(layout, CellState::Free);
-    let (mut stream, any) = (Seed(3).stream(0, 0), Uniform::new(-5.0, 5.0).unwrap());
-    let mut set = 0;
-    while set < points {
-        let point: Vector2<f64> = Vector2::new(any.sample(&mut stream), any.sample(&mut stream));
-        if point.y.abs() > 1.0 {
-            map.set(layout.cell_at(&point).unwrap(), CellState::Occupied);
-            set += 1;
-        }
-    }
-    Costmap::from_map(&map)
-}
 
 fn mppi(criterion: &mut Criterion) {
     let footprint = Footprint::rectangle(-0.254, 0.254, 0.43).unwrap();
-    let limits: MotionLimits = TwistLimits {
-        forward_speed: 2.0,
-        yaw_rate: 2.0,
-        acceleration: 2.0,
-        deceleration: 2.0,
-        yaw_acceleration: 4.0,
-        ..TwistLimits::default()
-    }
-    .into();
+    let limits = limits();
     let state = VehicleState::new(Se2::new(0.0, 0.0, 0.1), Twist2::new(1.0, 0.0, 0.0));
     let path = Path::from_positions(&[Vector2::new(-1.0, 0.0), Vector2::new(4.5, 0.0)]).unwrap();
     let map = LocalMap::new(&costmap(100), LocalMapParams::default()).unwrap();

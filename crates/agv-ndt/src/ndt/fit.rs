@@ -3,23 +3,26 @@
 //! A point's nearest distribution is the one of the least squared Mahalanobis distance `m`. A point is an inlier if it is
 //! no farther than 95 of 100 points of the distribution itself.
 //!
-//! Which directions are fixed is a question of surfaces: a distribution in a wall pulls along the wall too, towards the middle
-//! of its voxel, and so the Hessian of a long corridor seems to know the place along it. Each point therefore counts with its
-//! distribution's information relative to its trace, squared: a surface counts its normal once, and what is ten times as wide
+//! Which directions are fixed is a question of surfaces, and of the inliers alone: a wall that nothing fits to fixes nothing. A
+//! distribution in a wall pulls along the wall too, towards the middle of its voxel, and so the Hessian of a long corridor seems
+//! to know the place along it. Each inlier therefore counts with its distribution's information relative to its trace,
+//! squared: a surface counts its normal once, and what is ten times as wide
 //! counts a hundredth. What that says of directions is in [`Facing`].
 
 use super::kernel::{Block, CHUNK, Frame, LANES, Moved, turn};
 use super::objective::ScoreObjective;
 use super::search::MAX_BLOCKS;
+use super::sparse::is_one_of_every;
 use crate::cells::pack;
 use crate::registration::Facing;
 use agv_core::geometry::Se3;
 use nalgebra::{Matrix3, Matrix6, Vector3};
+use std::ops::Range;
 
 /// 95 % quantile of χ² with three degrees of freedom.
 const INLIER: f32 = 7.815;
 
-/// Points between those whose directions are summed up: shares need no more.
+/// One of so many points has its directions summed up: shares need no more.
 const STRIDE: usize = 4;
 
 /// What a pose explains.
@@ -69,7 +72,7 @@ impl ScoreObjective<'_> {
                     #[inline(always)]
                     || turn(&frame, points, &mut moved),
                 );
-                self.fit_chunk(&frame, &moved, range.len())
+                self.fit_chunk(&frame, &moved, range)
             },
             FitSums::merged,
         );
@@ -81,10 +84,11 @@ impl ScoreObjective<'_> {
         }
     }
 
-    fn fit_chunk(&self, frame: &Frame, moved: &Moved, len: usize) -> FitSums {
+    /// The sums over the points of a range, as they were moved.
+    fn fit_chunk(&self, frame: &Frame, moved: &Moved, range: Range<usize>) -> FitSums {
         let mut sums = FitSums::default();
         let mut own = [Block::default(); MAX_BLOCKS];
-        for i in 0..len {
+        for (i, index) in range.enumerate() {
             let cell = [moved.cell[0][i], moved.cell[1][i], moved.cell[2][i]];
             let Some(key) = pack(cell) else { continue };
             let y = [moved.y[0][i], moved.y[1][i], moved.y[2][i]];
@@ -93,9 +97,10 @@ impl ScoreObjective<'_> {
             let nearest = nearest(frame, y, blocks);
             let Some((distance, block, lane)) = nearest else { continue };
             sums.matches += 1;
-            sums.inliers += usize::from(distance <= INLIER);
+            let inlier = distance <= INLIER;
+            sums.inliers += usize::from(inlier);
             sums.likelihood += f64::from(frame.likelihood(distance));
-            if i % STRIDE == 0 {
+            if inlier && is_one_of_every(STRIDE, index) {
                 let [xx, xy, xz, yy, yz, zz] = [0, 1, 2, 3, 4, 5].map(|k| f64::from(block.information[k][lane]));
                 let relative = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz) / (xx + yy + zz);
                 sums.facing.add(&Vector3::from(y.map(f64::from)), &(relative * relative));

@@ -13,6 +13,7 @@ mod params;
 mod planar;
 mod registration;
 mod search;
+mod sparse;
 
 pub use distributions::DistributionRegistration;
 pub use gaussian::{Gaussian3, VoxelParams, VoxelSums};

@@ -4,6 +4,7 @@ use super::kernel::{Block, CHUNK, Frame, LaneSums, Moved, accumulate, turn};
 use super::level::Level;
 use super::mixture::Mixture;
 use super::search::{MAX_BLOCKS, Surroundings, UNKNOWN, VoxelSearch};
+use super::sparse::one_of_every;
 use crate::cells::{floor, pack, unpack};
 use crate::registration::{Objective, Quadratic, quadratic::MotionSums};
 use agv_core::{compute::Par, geometry::Se3, sensors::PointSource};
@@ -34,13 +35,14 @@ impl SourcePoints {
         self.forget();
     }
 
-    /// Takes every `stride`-th point of another.
+    /// Takes one of every `stride` points of another.
     pub(super) fn thin(&mut self, other: &Self, stride: usize) {
-        let stride = stride.max(1);
-        self.clear(other.len() / stride + 1);
-        self.x.extend(other.x.iter().step_by(stride));
-        self.y.extend(other.y.iter().step_by(stride));
-        self.z.extend(other.z.iter().step_by(stride));
+        self.clear(other.len() / stride.max(1) + 1);
+        for index in one_of_every(stride, other.len()) {
+            self.x.push(other.x[index]);
+            self.y.push(other.y[index]);
+            self.z.push(other.z[index]);
+        }
         self.forget();
     }
 

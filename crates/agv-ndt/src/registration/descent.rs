@@ -62,6 +62,12 @@ impl DescentParams {
         translation <= self.translation_tolerance && rotation <= self.rotation_tolerance
     }
 
+    /// Whether a step of which nothing came is no sign of trouble: ten times the tolerances, since a cost that jumps where points change
+    /// their voxel or partner has no better rest.
+    pub(super) fn nearly_at_rest(&self, step: &Vector6<f64>) -> bool {
+        self.at_rest(&(step * 0.1))
+    }
+
     /// The factor, at most 1, that keeps a step within its bounds.
     pub(super) fn limit(&self, step: &Vector6<f64>) -> f64 {
         self.reach(step).min(1.0)

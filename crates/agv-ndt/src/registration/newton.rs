@@ -38,6 +38,7 @@ pub(super) fn minimize(
         if best.iterations >= params.max_iterations {
             return best;
         }
+        let nearly_at_rest = params.nearly_at_rest(&step);
         let step = step * params.limit(&step);
         let mut tried = best;
         let Ok(search) = MoreThuente::new(LineSearchParams {
@@ -56,8 +57,13 @@ pub(super) fn minimize(
         best.iterations += evaluations;
         // What was tried last is what was found, unless the cost was no number there.
         if !sound(&tried.quadratic) || found.value >= best.quadratic.cost || found.step == 0.0 {
-            let limit = end == LineSearchEnd::EvaluationLimit;
-            let termination = if limit { Termination::IterationLimit } else { Termination::Stalled };
+            let termination = if nearly_at_rest {
+                Termination::Converged
+            } else if end == LineSearchEnd::EvaluationLimit {
+                Termination::IterationLimit
+            } else {
+                Termination::Stalled
+            };
             return Descent { termination, ..best };
         }
         (best.pose, best.quadratic) = (tried.pose, tried.quadratic);

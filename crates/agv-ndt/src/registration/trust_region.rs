@@ -78,8 +78,7 @@ pub(super) fn minimize(
     }
 }
 
-/// Whether a step that is hardly damped would be short as well: ten times the tolerances, since a cost that jumps where points change
-/// their voxel or partner has no better rest.
+/// Whether a step that is hardly damped would be short as well.
 fn nearly_at_rest(
     hessian: &Matrix6<f64>,
     scale: &Vector6<f64>,
@@ -87,7 +86,7 @@ fn nearly_at_rest(
     params: &DescentParams,
 ) -> bool {
     let damped = hessian + Matrix6::from_diagonal(&(scale * params.initial_damping));
-    damped.cholesky().is_some_and(|factor| params.at_rest(&(factor.solve(gradient) * 0.1)))
+    damped.cholesky().is_some_and(|factor| params.nearly_at_rest(&factor.solve(gradient)))
 }
 
 #[cfg(test)]

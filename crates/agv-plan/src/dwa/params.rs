@@ -2,7 +2,7 @@
 
 use crate::{
     Error,
-    local::{FieldParams, GuardParams, ReferenceParams},
+    local::{FieldParams, GuardParams, ReferenceParams, sampling},
 };
 use agv_core::{check, grid::Footprint};
 
@@ -80,7 +80,7 @@ impl DwaParams {
     }
 
     /// Longest step of a trajectory, in seconds.
-    pub const MAX_STEP: f64 = 0.25;
+    pub const MAX_STEP: f64 = sampling::MAX_STEP;
 
     /// Most trajectories of a cycle times steps.
     pub const MAX_STATES: usize = 1 << 20;
@@ -93,14 +93,9 @@ impl DwaParams {
         check::at_least("speeds", self.speeds, 2)?;
         check::at_least("turns", self.turns, 2)?;
         check::at_least("lateral_speeds", self.lateral_speeds, 1)?;
-        check::at_least("steps", self.steps, 2)?;
         check::non_negative("window", self.window)?;
-        check::positive("horizon", self.horizon)?;
-        // The arcs of a step are series in the angle that it turns.
-        check::in_range("horizon / steps", self.horizon / self.steps as f64, f64::MIN_POSITIVE, Self::MAX_STEP)?;
-        check::positive("look_ahead", self.look_ahead)?;
-        check::in_range("stopping_share", self.stopping_share, 0.05, 1.0)?;
-        check::positive("patience", self.patience)?;
+        sampling::check_horizon(self.horizon, self.steps)?;
+        sampling::check_lead(self.look_ahead, self.stopping_share, self.patience)?;
         if let Some(adaptive) = &self.adaptive {
             check::in_range("least", adaptive.least, 0.0, 1.0)?;
             check::positive("room", adaptive.room)?;

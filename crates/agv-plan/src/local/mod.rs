@@ -14,6 +14,9 @@ mod guard;
 pub(crate) mod lead;
 pub mod moving;
 mod reference;
+pub(crate) mod sampling;
+#[cfg(test)]
+pub(crate) mod scenes;
 mod tracked;
 pub(crate) mod trajectories;
 pub(crate) mod window;

@@ -2,7 +2,7 @@
 
 use crate::{
     Error,
-    local::{FieldParams, GuardParams, ReferenceParams},
+    local::{FieldParams, GuardParams, ReferenceParams, sampling},
 };
 use agv_core::{check, grid::Footprint};
 
@@ -70,7 +70,7 @@ impl MppiParams {
     }
 
     /// Longest step of a sequence, in seconds.
-    pub const MAX_STEP: f64 = 0.25;
+    pub const MAX_STEP: f64 = sampling::MAX_STEP;
 
     /// Most samples times steps.
     pub const MAX_STATES: usize = 1 << 22;
@@ -81,17 +81,12 @@ impl MppiParams {
     /// The first that is out of its range, by name.
     pub fn validate(&self) -> Result<(), Error> {
         check::at_least("samples", self.samples, 2)?;
-        check::at_least("steps", self.steps, 2)?;
         check::at_least("knot", self.knot, 1)?;
-        check::positive("horizon", self.horizon)?;
-        // The arcs of a step are series in the angle that it turns.
-        check::in_range("horizon / steps", self.horizon / self.steps as f64, f64::MIN_POSITIVE, Self::MAX_STEP)?;
+        sampling::check_horizon(self.horizon, self.steps)?;
         check::in_range("speed_noise", self.speed_noise, 0.0, 10.0)?;
         check::in_range("turn_noise", self.turn_noise, 0.0, 10.0)?;
         check::positive("temperature", self.temperature)?;
-        check::positive("look_ahead", self.look_ahead)?;
-        check::in_range("stopping_share", self.stopping_share, 0.05, 1.0)?;
-        check::positive("patience", self.patience)?;
+        sampling::check_lead(self.look_ahead, self.stopping_share, self.patience)?;
         let states = self.samples.saturating_mul(self.steps);
         check::in_range("samples * steps", states as f64, 1.0, Self::MAX_STATES as f64)?;
         let arcs = self.arc_speeds.saturating_mul(self.arc_turns);

@@ -4,7 +4,7 @@ use crate::registration::Freedom;
 use crate::scenes::{CORRIDOR, PARALLEL, ROOM, cloud, scatter, sheets};
 use agv_core::geometry::{PoseSigma, So3};
 use agv_core::roles::laws;
-use agv_core::sensors::PointCloud;
+use agv_core::sensors::{PointCloud, VoxelGrid};
 use nalgebra::{Vector3, Vector6};
 
 fn room(truth: &Se3) -> (PointCloud, PointCloud) {
@@ -123,6 +123,43 @@ fn a_corridor_hides_its_axis_and_the_pose_keeps_it_on_request() {
         let termination = if hold_unobserved { Termination::Converged } else { Termination::Degenerate };
         assert_eq!(found.termination, termination);
         assert!(!hold_unobserved || (moved.x - 0.3).abs() < 0.03, "{moved}");
+    }
+}
+
+/// Floor and two walls of a corner, `n` by `n` points on each, which take turns.
+fn corner(n: u16, x: f32) -> PointCloud {
+    let sheets = [|a, b| [a, b, 0.3], |a, b| [a, -1.3, b], |a: f32, b: f32| [8.3, a, b]];
+    let at = |i: u16| f32::from(i) * 8.0 / f32::from(n);
+    let points = (0..n * n).flat_map(|i| sheets.map(|sheet| Vector3::from(sheet(at(i % n), at(i / n)))));
+    PointCloud::from_points(points.map(|p| p - Vector3::new(x, 0.0, 0.0)))
+}
+
+/// Where sheets take turns in the cloud, every so many points are of one of them.
+#[test]
+fn no_surface_is_left_out_by_the_order_of_the_points() {
+    let (target, source) = (corner(80, 0.0), corner(40, 0.1));
+    let mut thinned = PointCloud::default();
+    VoxelGrid::new(0.25).unwrap().filter_into(&source, &mut thinned);
+    for cloud in [&source, &thinned] {
+        for coarse_levels in 0..3 {
+            let params = NdtParams { coarse_levels, ..NdtParams::default() };
+            let found = aligned(params, &target, cloud, &Se3::identity());
+            let error = found.target_from_source.minus(&Se3::from_parts(Vector3::x() * 0.1, So3::default()));
+            assert!(found.converged() && error.norm() < 0.005, "{coarse_levels}: {found:?}");
+        }
+    }
+}
+
+#[test]
+fn a_wall_that_nothing_fits_to_fixes_nothing() {
+    let mut ndt = NdtRegistration::new(NdtParams::default()).unwrap();
+    ndt.set_target(&corner(80, 0.0)).unwrap();
+    ndt.source.refill(&corner(40, 0.0));
+    for (x, unobserved) in [(0.0, 0.0), (0.4, 1.0)] {
+        let pose = Se3::from_parts(Vector3::x() * x, So3::default());
+        let fit = ndt.objective(0, &pose).fit(&pose, 0.01, &Matrix6::identity());
+        assert!((fit.unobserved.m11 - unobserved).abs() < 0.05, "{x}: {}", fit.unobserved);
+        assert!(fit.inlier_ratio > 0.55, "{x}: {fit:?}");
     }
 }
 

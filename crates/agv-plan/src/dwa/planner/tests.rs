@@ -1,4 +1,5 @@
 use super::*;
+use crate::local::scenes::{changes_of_side, drive, hall, path};
 use crate::local::{
     FieldParams,
     critics::{
@@ -7,69 +8,17 @@ use crate::local::{
     },
 };
 use agv_core::{
-    compute::Seed,
-    geometry::{LieGroup, Se2},
-    grid::{CellState, Costmap, Footprint, Grid, GridLayout, LocalMap, LocalMapParams},
+    geometry::Se2,
+    grid::{Footprint, LocalMap},
     kinematics::MotionLimits,
     obstacle::MovingObstacle,
     path::{Path, PathPoint},
     roles::VehicleState,
 };
-use rand_distr::{Distribution, Normal};
 use std::f64::consts::FRAC_PI_2;
-
-fn hall(post: Option<(f64, f64, f64)>) -> LocalMap {
-    let layout = GridLayout::new(180, 120, 0.05, Se2::new(-1.5, -3.0, 0.0)).unwrap();
-    let mut map = Grid::filled(layout, CellState::Free);
-    for index in 0..layout.len() {
-        let center = layout.center(layout.cell(index));
-        if post.is_some_and(|(x, y, radius)| (center - Vector2::new(x, y)).norm() < radius) {
-            map.set(layout.cell(index), CellState::Occupied);
-        }
-    }
-    LocalMap::new(&Costmap::from_map(&map), LocalMapParams::default()).unwrap()
-}
-
-fn path() -> Path {
-    Path::from_positions(&[Vector2::zeros(), Vector2::new(6.0, 0.0)]).unwrap()
-}
 
 fn params() -> DwaParams {
     DwaParams::for_footprint(&Footprint::rectangle(-0.25, 0.35, 0.4).unwrap())
-}
-
-/// Drives until the vehicle arrives or stands blocked; where it was, in every cycle.
-fn drive(
-    planner: &mut Dwa,
-    map: &LocalMap,
-    people: &[MovingObstacle],
-    noise: Option<u64>,
-) -> (Vec<VehicleState>, LocalPlanStatus) {
-    let (limits, path) = (MotionLimits::default(), path());
-    let mut state = VehicleState::new(Se2::default(), Twist2::ZERO);
-    let (mut people, mut states) = (people.to_vec(), Vec::new());
-    let (mut stream, normal) = (Seed(noise.unwrap_or(0)).stream(0, 0), Normal::new(0.0, 0.01).unwrap());
-    let mut status = LocalPlanStatus::Following;
-    for _ in 0..400 {
-        let mut seen = state;
-        if noise.is_some() {
-            let mut draw = || normal.sample(&mut stream);
-            seen.map_from_base = state.map_from_base.compose(&Se2::new(draw(), draw(), draw()));
-        }
-        let request = LocalPlanRequest { state: seen, path: &path, map, obstacles: &people, limits: &limits, dt: 0.1 };
-        let command = planner.command(request).unwrap();
-        assert!(limits.allows_step(&state.motion(), &command.motion, 0.1));
-        state = state.after(&command.motion, 0.1);
-        for person in &mut people {
-            person.position = person.position_after(0.1);
-        }
-        states.push(state);
-        status = command.status;
-        if status == LocalPlanStatus::Arrived {
-            break;
-        }
-    }
-    (states, status)
 }
 
 /// An obstacle in the middle of the way, as wide to the left as to the right, and a pose that is noisy: whichever side is taken, it
@@ -81,14 +30,7 @@ fn it_does_not_hesitate_before_a_symmetrical_obstacle() {
         let mut planner = Dwa::new(params()).unwrap();
         let (states, status) = drive(&mut planner, &map, &[], Some(seed));
         assert_eq!(status, LocalPlanStatus::Arrived, "seed {seed}");
-        // The side that is headed for, once it can be told.
-        let sides: Vec<bool> = states
-            .iter()
-            .map(|state| state.map_from_base)
-            .filter(|pose| pose.x() < 3.0 && pose.y().abs() > 0.05)
-            .map(|pose| pose.y() > 0.0)
-            .collect();
-        let changes = sides.windows(2).filter(|w| w[0] != w[1]).count();
+        let changes = changes_of_side(&states);
         assert!(changes <= 1, "seed {seed}: {changes} changes of the side");
     }
 }
