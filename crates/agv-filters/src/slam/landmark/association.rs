@@ -5,7 +5,10 @@
 //! gate together, with the correlations between their innovations, and the assignment with the most pairs wins, of equal ones that with the
 //! smaller distance (Neira and Tardós 2001, section IV). The factor of the joint innovation's covariance is carried along, a row or two a pair.
 
-use super::state::{Constraint, SlamState, cholesky};
+use super::{
+    correction::cholesky,
+    state::{Constraint, SlamState},
+};
 use agv_core::{Error, metrics::chi_square_quantile};
 use nalgebra::{Matrix2, Vector2};
 

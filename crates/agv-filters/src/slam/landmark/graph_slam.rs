@@ -175,18 +175,14 @@ impl LandmarkGraphSlam {
         let mut seen = Vec::new();
         for (sighting, outcome) in sightings.iter().zip(self.front.outcomes()) {
             let (SightingOutcome::Matched(key) | SightingOutcome::Added(key)) = outcome else { continue };
-            let landmark = match self.of_key.get(&key.number()) {
-                Some(&landmark) => landmark,
-                None => {
-                    let Some(place) =
-                        first_guess(&self.front, key.number(), sighting, &self.graph.poses()[pose.index()])
-                    else {
-                        continue;
-                    };
-                    let landmark = self.graph.add_landmark(place)?;
-                    self.of_key.insert(key.number(), landmark);
-                    landmark
-                }
+            let pose_guess = self.graph.poses()[pose.index()];
+            let landmark = if let Some(&landmark) = self.of_key.get(&key.number()) {
+                landmark
+            } else {
+                let Some(place) = first_guess(&self.front, key.number(), sighting, &pose_guess) else { continue };
+                let landmark = self.graph.add_landmark(place)?;
+                self.of_key.insert(key.number(), landmark);
+                landmark
             };
             let (sighting, kernel) = (*sighting, self.params.kernel);
             self.graph.add_tie(Tie { pose, landmark, sighting, kernel })?;

@@ -17,9 +17,11 @@
 mod association;
 #[cfg(feature = "serde")]
 mod checkpoint;
+mod correction;
 mod filter;
 mod graph;
 mod graph_slam;
+mod growth;
 mod joint;
 mod params;
 mod problem;

@@ -216,7 +216,7 @@ fn corrections_are_those_of_dense_matrices() {
         slam.update(&world.look(true)).unwrap();
     }
     slam.predict(&world.drive()).unwrap();
-    let mut scratch = state::CorrectionScratch::default();
+    let mut scratch = correction::CorrectionScratch::default();
     slam.state.flush(&mut scratch);
     let n = slam.state.covariance.size();
     let before = DMatrix::from_fn(n, n, |i, j| slam.state.covariance.get(i, j));
