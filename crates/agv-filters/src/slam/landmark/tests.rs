@@ -27,7 +27,7 @@ fn motion(start_from_end: Se2, covariance: Matrix3<f64>) -> OdometryIncrement {
 /// On two rings around a circle of six metres.
 fn posts() -> Vec<Vector2<f64>> {
     let ring = |k: u32| {
-        let (angle, radius) = (f64::from(k) * 0.7, if k % 2 == 0 { 9.0 } else { 3.5 });
+        let (angle, radius) = (f64::from(k) * 0.7, if k.is_multiple_of(2) { 9.0 } else { 3.5 });
         Vector2::new(radius * angle.cos(), 6.0 + radius * angle.sin())
     };
     (0..9).map(ring).collect()
@@ -191,7 +191,9 @@ fn the_graph_joins_what_is_one() {
         let mut seen = world.look(true);
         // The sensor renames the posts at half-time.
         if step >= 75 {
-            seen.iter_mut().for_each(|sighting| sighting.id = sighting.id.map(|id| id + 100));
+            for sighting in &mut seen {
+                sighting.id = sighting.id.map(|id| id + 100);
+            }
         }
         slam.update(&seen).unwrap();
         truths.push(world.truth);
