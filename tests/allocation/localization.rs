@@ -2,7 +2,7 @@
 
 use crate::{
     counter,
-    scenes::{adaptive_filter, circle, equipped, initialized, localize, localize_adaptively},
+    scenes::{self, adaptive_filter, circle, equipped, initialized, localize, localize_adaptively},
 };
 use agv_nav::{
     core::{compute::Par, geometry::UncertainPose, sensors::PoseObservation},
@@ -69,4 +69,15 @@ fn pose_filter() {
         assert!(filter.estimate().is_some());
     });
     assert_eq!(count, 0);
+}
+
+/// The third round: the map has grown, and nothing is new.
+#[test]
+fn landmark_slam() {
+    let looks = scenes::landmarks::rounds(180);
+    let mut slam = scenes::landmarks::filter();
+    scenes::landmarks::run(&mut slam, &looks[..120]);
+    let mut matched = 0;
+    assert_eq!(counter::count(|| matched = scenes::landmarks::run(&mut slam, &looks[120..])), 0);
+    assert!(matched > 400, "{matched}");
 }

@@ -1,5 +1,6 @@
 //! What changes as it runs and is no map: controllers, odometry, random streams; and the small values between the parts.
 
+use crate::scenes;
 use crate::table::{assert_kept, assert_refused, restored};
 use agv_nav::control::pid::{AntiWindup, Pid, PidParams, VelocityPid};
 use agv_nav::core::{
@@ -155,4 +156,43 @@ fn spoilt_states_are_refused() {
         ],
     );
     assert_refused("Path", &Path::from_positions(&[pose.translation()]).unwrap(), &[("/points/0/pose", json!(null))]);
+}
+
+/// Once while a beacon still waits for its place, and once after.
+#[test]
+fn landmark_slam_goes_on_with_the_same_bits() {
+    let looks = scenes::landmarks::rounds(90);
+    for stop in [4, 70] {
+        let mut slam = scenes::landmarks::filter();
+        scenes::landmarks::run(&mut slam, &looks[..stop]);
+        let mut resumed = restored(&slam);
+        for filter in [&mut slam, &mut resumed] {
+            scenes::landmarks::run(filter, &looks[stop..]);
+        }
+        let [one, other] = [&slam, &resumed].map(|slam| serde_json::to_string(slam).unwrap());
+        assert!(one == other, "stopped at {stop}");
+    }
+}
+
+#[test]
+fn spoilt_landmark_maps_are_refused() {
+    let mut slam = scenes::landmarks::filter();
+    scenes::landmarks::run(&mut slam, &scenes::landmarks::rounds(4));
+    assert_kept("LandmarkSlam", &slam);
+    assert_refused(
+        "LandmarkSlam",
+        &slam,
+        &[
+            ("/next", json!(0)),
+            ("/params/gate_probability", json!(1.5)),
+            ("/state/scale", json!(null)),
+            ("/state/points", json!([])),
+            ("/state/points/0/key", json!(1_000_000)),
+            ("/state/covariance/size", json!(3)),
+            ("/state/covariance/entries/0", json!(-1.0)),
+            ("/waiting/0/ranges/0/anchor", json!(0)),
+            ("/waiting/0/ranges/0/variance", json!(0.0)),
+            ("/waiting/0/spacing", json!(-1.0)),
+        ],
+    );
 }

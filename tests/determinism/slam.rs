@@ -7,7 +7,10 @@ use crate::{
         mapping::{graph_slam, map_by_graph, map_by_particles, particle_slam},
     },
 };
-use agv_nav::core::{geometry::Se2, grid::OccupancyThresholds};
+use agv_nav::{
+    core::{geometry::Se2, grid::OccupancyThresholds},
+    filters::slam::landmark::{LandmarkGraphSlam, LandmarkGraphSlamParams},
+};
 
 #[test]
 fn graph_slam_does_not_depend_on_threads() {
@@ -36,4 +39,25 @@ fn particles_with_maps_do_not_depend_on_threads() {
                 .integers(fused.values().iter().map(|state| *state as i32))
         });
     }
+}
+
+/// Sequential: the bits of one build are those of the other.
+#[test]
+fn landmark_slam() {
+    let looks = scenes::landmarks::rounds(130);
+    assert_same_bits("LandmarkSlam", |_| {
+        let mut slam = scenes::landmarks::filter();
+        scenes::landmarks::run(&mut slam, &looks);
+        let places = slam.landmarks().flat_map(|landmark| landmark.place.mean().map(f64::to_bits).data.0[0]);
+        Digest::new().poses(&[slam.map_from_base()]).bits(places.collect::<Vec<_>>())
+    });
+    assert_same_bits("LandmarkGraphSlam", |_| {
+        let mut slam = LandmarkGraphSlam::new(LandmarkGraphSlamParams::default()).unwrap();
+        for (odometry, seen) in &looks {
+            slam.predict(odometry).unwrap();
+            slam.update(seen).unwrap();
+        }
+        slam.finish().unwrap();
+        Digest::new().poses(slam.graph().poses())
+    });
 }

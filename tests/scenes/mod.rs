@@ -4,6 +4,7 @@
 pub(crate) mod clouds;
 pub(crate) mod equipped;
 pub(crate) mod kalman;
+pub(crate) mod landmarks;
 pub(crate) mod mapping;
 pub(crate) mod models;
 

@@ -22,7 +22,7 @@
 //! [`matching::FieldMatcher`] from a guess.
 //!
 //! [`slam`] makes the map on the way: [`slam::GraphSlam`] ties scans together in a pose graph, [`slam::Rbpf`] gives each particle of a
-//! filter a map of its own.
+//! filter a map of its own; [`slam::LandmarkSlam`] maps landmarks in place of scans.
 //!
 //! [`tracking`] finds what moves around the vehicle: [`tracking::ObstacleTracker`].
 //!

@@ -11,6 +11,7 @@
 //! | ROS maps (PGM or PNG with YAML) | [`map`] |
 //! | MovingAI maps and scenarios | [`movingai`] |
 //! | UTIAS landmark sightings (MRCLAM) | [`mrclam`] |
+//! | landmark drives: Victoria Park, Plaza, MRPT | [`landmark_log`] |
 //! | trajectories: TUM, KITTI | [`trajectory`] |
 //! | Kümmerle's relations | [`relations`] |
 //! | pose graphs of g2o, and generated ones | [`g2o`], [`graphs`] |
@@ -30,6 +31,7 @@ mod fields;
 pub mod g2o;
 pub mod graphs;
 pub mod input;
+pub mod landmark_log;
 pub mod localplan;
 pub mod log;
 pub mod map;

@@ -11,7 +11,7 @@
 //!
 //! The rows of a matrix do not depend on each other, nor do the coordinates: one factor serves all.
 
-use super::{PoseGraph, PoseGraphSolver, SparseNormalEquations};
+use super::{Layout, PoseGraph, PoseGraphSolver, SparseNormalEquations};
 use agv_core::{
     Error,
     geometry::{LieGroup, Se2, Se3, So2, So3},
@@ -129,7 +129,7 @@ impl<G: RigidMotion> Chordal<'_, G> {
     fn rotations(&self, system: &mut SparseNormalEquations) -> Result<Option<Vec<Matrix3<f64>>>, Error> {
         let (size, free, graph) = (G::SPACE, self.free, self.graph);
         let known: Vec<Matrix3<f64>> = graph.poses().iter().map(|pose| pose.parts().0).collect();
-        system.reset(size, free, self.pairs())?;
+        system.reset(Layout::uniform(size, free), self.pairs())?;
         let mut rhs = vec![vec![0.0; free * size]; size];
         // A prior may know nothing of a rotation, or of a place.
         for tie in self.ties.iter().filter(|tie| tie.weights[0] > 0.0) {
@@ -179,7 +179,7 @@ impl<G: RigidMotion> Chordal<'_, G> {
         system: &mut SparseNormalEquations,
     ) -> Result<Option<Vec<Vector3<f64>>>, Error> {
         let (free, graph) = (self.free, self.graph);
-        system.reset(1, free, self.pairs())?;
+        system.reset(Layout::uniform(1, free), self.pairs())?;
         let mut rhs = vec![vec![0.0; free]; 3];
         let mut add = |block: u32, pull: Vector3<f64>| {
             rhs.iter_mut().zip(pull.iter()).for_each(|(rhs, pull)| rhs[block as usize] += pull);

@@ -29,6 +29,8 @@ mod sparse;
 
 pub use chordal::RigidMotion;
 pub use pose_graph::{PoseGraph, PoseId};
+pub(crate) use problem::GraphProblem;
 pub use relation::{Prior, Relation};
+pub(crate) use solver::free_steps;
 pub use solver::{PoseGraphSolver, PoseGraphSolverParams};
-use sparse::SparseNormalEquations;
+pub(crate) use sparse::{Layout, SparseNormalEquations};

@@ -197,7 +197,7 @@ impl<G: LieGroup> PoseGraph<G> {
     }
 
     /// The poses, to be moved by a solver that keeps their number and leaves them finite.
-    pub(super) const fn poses_mut(&mut self) -> &mut Vec<G> {
+    pub(crate) const fn poses_mut(&mut self) -> &mut Vec<G> {
         &mut self.poses
     }
 
@@ -217,7 +217,7 @@ impl<G: LieGroup> PoseGraph<G> {
     }
 
     /// Numbers the poses that may move: those that are not held, and of each part without a prior or a held pose not the first.
-    pub(super) fn blocks_into(&self, blocks: &mut Vec<Option<u32>>) -> usize {
+    pub(crate) fn blocks_into(&self, blocks: &mut Vec<Option<u32>>) -> usize {
         // Each pose's part, by its first pose.
         let mut first: Vec<u32> = (0..self.poses.len() as u32).collect();
         for relation in &self.relations {

@@ -16,18 +16,18 @@ use agv_core::{
 };
 
 /// The measurements, and which unknowns a pose has.
-pub(super) struct GraphProblem<'a, G: LieGroup> {
-    pub(super) relations: &'a [Relation<G>],
-    pub(super) priors: &'a [Prior<G>],
+pub(crate) struct GraphProblem<'a, G: LieGroup> {
+    pub(crate) relations: &'a [Relation<G>],
+    pub(crate) priors: &'a [Prior<G>],
     /// Block of unknowns of each pose; none for a pose that is held.
-    pub(super) blocks: &'a [Option<u32>],
+    pub(crate) blocks: &'a [Option<u32>],
     /// How many times wider all kernels are than they were given.
-    pub(super) widening: f64,
+    pub(crate) widening: f64,
 }
 
 impl<G: LieGroup> GraphProblem<'_, G> {
     /// `rᵀ Ω r` of all relations and then of all priors, and the kernel of each as it was given.
-    pub(super) fn squares(&self, poses: &[G]) -> impl Iterator<Item = (RobustKernel, f64)> {
+    pub(crate) fn squares(&self, poses: &[G]) -> impl Iterator<Item = (RobustKernel, f64)> {
         let relations = self.relations.iter().map(|relation| {
             let predicted = poses[relation.from.index()].between(&poses[relation.to.index()]);
             let error = residual(&relation.from_from_to, &predicted);
@@ -105,7 +105,7 @@ impl<G: LieGroup> StructuredLeastSquares<SparseNormalEquations> for GraphProblem
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::graph::PoseId;
+    use crate::graph::{Layout, PoseId};
     use agv_core::geometry::{Se2, Se3};
 
     /// Some positive definite matrix, with all entries different.
@@ -132,7 +132,7 @@ mod tests {
 
     fn linearized<G: LieGroup>(problem: &mut GraphProblem<'_, G>, poses: &Vec<G>) -> SparseNormalEquations {
         let mut system = SparseNormalEquations::default();
-        system.reset(G::DOF, 2, [(1, 0)]).unwrap();
+        system.reset(Layout::uniform(G::DOF, 2), [(1, 0)]).unwrap();
         problem.linearize(poses, &mut system);
         assert!(system.check().is_ok() && (system.cost() - problem.cost(poses)).abs() <= 1e-12 * system.cost() + 1e-25);
         system

@@ -1,6 +1,6 @@
 //! The poses that explain a graph best.
 
-use super::{PoseGraph, SparseNormalEquations, problem::GraphProblem};
+use super::{Layout, PoseGraph, SparseNormalEquations, problem::GraphProblem};
 use agv_core::{
     Error, check,
     geometry::LieGroup,
@@ -110,7 +110,7 @@ impl<G: LieGroup> PoseGraphSolver<G> {
             .relations()
             .iter()
             .filter_map(|relation| blocks[relation.from.index()].zip(blocks[relation.to.index()]));
-        self.workspace.system.reset(G::DOF, free, pairs)?;
+        self.workspace.system.reset(Layout::uniform(G::DOF, free), pairs)?;
         let mut poses = graph.poses().to_vec();
         let (relations, priors) = (graph.relations(), graph.priors());
         let mut problem = GraphProblem { relations, priors, blocks, widening: 1.0 };
@@ -139,9 +139,9 @@ impl<G: LieGroup> PoseGraphSolver<G> {
 }
 
 /// Goes full steps, and to where they led if that is lower than the start; the number of steps.
-fn free_steps<G: LieGroup>(
-    problem: &mut GraphProblem<'_, G>,
-    poses: &mut Vec<G>,
+pub(crate) fn free_steps<P: StructuredLeastSquares<SparseNormalEquations>>(
+    problem: &mut P,
+    poses: &mut P::State,
     system: &mut SparseNormalEquations,
     params: &LevenbergMarquardtParams,
 ) -> usize {

@@ -1,4 +1,4 @@
-//! Normal equations of graphs: the Hessian is sparse, in blocks of one size.
+//! Normal equations of graphs: the Hessian is sparse, in blocks of one size, or of two: poses first, then points.
 //!
 //! The lower half is held by columns, as [`faer`] factors it: sparse Cholesky in an order that keeps the fill small (approximate
 //! minimum degree, Amestoy et al. 1996), found once for a pattern. Factoring is the simplicial kind, plain loops without
@@ -27,10 +27,8 @@ use nalgebra::{SMatrix, SVector};
 
 /// Sums whose Hessian has blocks where a pattern says so; keeps its memory, and the order of factoring while the pattern stays.
 #[derive(Debug, Default)]
-pub(super) struct SparseNormalEquations {
-    /// Unknowns in a block.
-    size: usize,
-    blocks: usize,
+pub(crate) struct SparseNormalEquations {
+    layout: Layout,
     /// Where the blocks of each block column begin in `rows`, the diagonal's first.
     starts: Vec<usize>,
     /// Block rows of the lower half, ascending in each column.
@@ -45,6 +43,57 @@ pub(super) struct SparseNormalEquations {
     factor: Option<Factor>,
     /// Whether the factor is that of the Hessian as it stands.
     factored: bool,
+}
+
+/// Blocks of unknowns: `large` ones of `size` unknowns, then `small` ones of `small_size`.
+#[derive(Debug, Default, Clone, Copy, PartialEq, Eq)]
+pub(crate) struct Layout {
+    pub(crate) size: usize,
+    pub(crate) large: usize,
+    pub(crate) small_size: usize,
+    pub(crate) small: usize,
+}
+
+impl Layout {
+    /// Blocks of one size.
+    pub(crate) const fn uniform(size: usize, blocks: usize) -> Self {
+        Self { size, large: blocks, small_size: size, small: 0 }
+    }
+
+    pub(super) const fn blocks(&self) -> usize {
+        self.large + self.small
+    }
+
+    pub(super) const fn unknowns(&self) -> usize {
+        self.first_of(self.blocks())
+    }
+
+    #[inline]
+    const fn size_of(&self, block: usize) -> usize {
+        if block < self.large { self.size } else { self.small_size }
+    }
+
+    /// The first unknown of a block.
+    #[inline]
+    pub(crate) const fn first_of(&self, block: usize) -> usize {
+        if block <= self.large {
+            block * self.size
+        } else {
+            self.large * self.size + (block - self.large) * self.small_size
+        }
+    }
+
+    /// The block of an unknown, and its place there.
+    #[inline]
+    const fn split(&self, unknown: usize) -> (usize, usize) {
+        let first_small = self.large * self.size;
+        if unknown < first_small {
+            (unknown / self.size, unknown % self.size)
+        } else {
+            let beyond = unknown - first_small;
+            (self.large + beyond / self.small_size, beyond % self.small_size)
+        }
+    }
 }
 
 /// The order of factoring, and memory for it.
@@ -66,20 +115,17 @@ impl std::fmt::Debug for Factor {
 const TOO_LARGE: Error = Error::TooMany { name: "entries of the factor", len: usize::MAX, max: isize::MAX as usize };
 
 impl SparseNormalEquations {
-    /// Makes them empty sums of `blocks` blocks of `size` unknowns, of which residuals tie those in `pairs`.
+    /// Makes them empty sums of the blocks of a layout, of which residuals tie those in `pairs`.
     ///
     /// The order of factoring is found anew if the pattern is another than before. O(pairs log pairs).
     ///
     /// # Errors
-    /// [`Error::OutOfRange`] for a pair of blocks that are not there, [`Error::NotPositive`] for a `size` of zero, or
+    /// [`Error::OutOfRange`] for a pair of blocks that are not there, [`Error::NotPositive`] for a size of zero, or
     /// [`Error::TooMany`] if there is no room for the factor.
-    pub(super) fn reset(
-        &mut self,
-        size: usize,
-        blocks: usize,
-        pairs: impl IntoIterator<Item = (u32, u32)>,
-    ) -> Result<(), Error> {
-        check::positive("size", size as f64)?;
+    pub(crate) fn reset(&mut self, layout: Layout, pairs: impl IntoIterator<Item = (u32, u32)>) -> Result<(), Error> {
+        check::positive("size", layout.size as f64)?;
+        check::positive("size", layout.small_size as f64)?;
+        let blocks = layout.blocks();
         let mut places: Vec<(u32, u32)> = (0..blocks as u32).map(|i| (i, i)).collect();
         for (a, b) in pairs {
             for block in [a, b] {
@@ -90,33 +136,33 @@ impl SparseNormalEquations {
         places.sort_unstable();
         places.dedup();
         let same = self.factor.is_some()
-            && (self.size, self.blocks, self.rows.len()) == (size, blocks, places.len())
+            && (self.layout, self.rows.len()) == (layout, places.len())
             && places.iter().enumerate().all(|(i, &(column, row))| {
                 self.rows[i] == row && (self.starts[column as usize]..self.starts[column as usize + 1]).contains(&i)
             });
         if !same {
-            (self.size, self.blocks, self.factor) = (size, blocks, None);
+            (self.layout, self.factor) = (layout, None);
             self.set_pattern(&places);
-            self.factor = Some(Factor::new(blocks * size, &self.column_starts, &self.row_indices)?);
+            self.factor = Some(Factor::new(layout.unknowns(), &self.column_starts, &self.row_indices)?);
         }
         self.clear();
         Ok(())
     }
 
     fn set_pattern(&mut self, places: &[(u32, u32)]) {
-        let size = self.size;
+        let layout = self.layout;
         self.rows.clear();
         self.rows.extend(places.iter().map(|&(_, row)| row));
         self.starts.clear();
-        self.starts.extend((0..=self.blocks as u32).map(|column| places.partition_point(|&(c, _)| c < column)));
+        self.starts.extend((0..=layout.blocks() as u32).map(|column| places.partition_point(|&(c, _)| c < column)));
         self.column_starts.clear();
         self.row_indices.clear();
-        for column in 0..self.blocks {
-            for inner in 0..size {
+        for column in 0..layout.blocks() {
+            for inner in 0..layout.size_of(column) {
                 self.column_starts.push(self.row_indices.len());
                 for (i, &row) in self.rows[self.starts[column]..self.starts[column + 1]].iter().enumerate() {
-                    let first = if i == 0 { inner } else { 0 };
-                    self.row_indices.extend((first..size).map(|r| row as usize * size + r));
+                    let (skipped, start) = (if i == 0 { inner } else { 0 }, layout.first_of(row as usize));
+                    self.row_indices.extend((skipped..layout.size_of(row as usize)).map(|r| start + r));
                 }
             }
         }
@@ -124,7 +170,7 @@ impl SparseNormalEquations {
         self.hessian.clear();
         self.hessian.resize(self.row_indices.len(), 0.0);
         self.gradient.clear();
-        self.gradient.resize(self.blocks * size, 0.0);
+        self.gradient.resize(layout.unknowns(), 0.0);
     }
 
     /// Where the block of a row and a column of the lower half is among the column's, if it has a place.
@@ -134,49 +180,61 @@ impl SparseNormalEquations {
         self.rows[start..end].binary_search(&row).ok()
     }
 
-    /// Index of an entry of the lower half.
+    /// Index of an entry of the lower half: of the block at a place among its column's, which is that of a scalar column.
     #[inline]
-    fn entry(&self, block: usize, inner_row: usize, column: usize) -> usize {
-        let inner_column = column % self.size;
+    fn entry(&self, place: usize, inner_row: usize, block_column: usize, inner_column: usize) -> usize {
+        let layout = self.layout;
         // The diagonal's block is cut at the diagonal.
-        let skipped = if block == 0 { inner_row - inner_column } else { block * self.size - inner_column + inner_row };
-        self.column_starts[column] + skipped
+        let skipped = if place == 0 {
+            inner_row - inner_column
+        } else {
+            let above = if layout.small == 0 {
+                place * layout.size
+            } else {
+                // Rows ascend, so that the small blocks of a column come last.
+                let rows = &self.rows[self.starts[block_column]..self.starts[block_column] + place];
+                let large = rows.partition_point(|&row| (row as usize) < layout.large);
+                large * layout.size + (place - large) * layout.small_size
+            };
+            above - inner_column + inner_row
+        };
+        self.column_starts[layout.first_of(block_column) + inner_column] + skipped
     }
 
-    /// Adds `product`, a square matrix by columns, to the block at (`row`, `column`), and its transpose to that at (`column`, `row`)
-    /// if these differ.
+    /// Adds `product`, a matrix by columns with the sizes of the two blocks, to the block at (`row`, `column`), and its transpose to that at
+    /// (`column`, `row`) if these differ.
     #[inline]
-    pub(super) fn add_block(&mut self, row: u32, column: u32, product: &[f64]) {
+    pub(crate) fn add_block(&mut self, row: u32, column: u32, product: &[f64]) {
         let (low, high) = (row.min(column), row.max(column));
         let Some(place) = self.find(high, low) else {
-            let max = self.blocks.saturating_sub(1) as f64;
+            let max = self.layout.blocks().saturating_sub(1) as f64;
             self.fault.get_or_insert(Error::OutOfRange { name: "block", value: f64::from(high), min: 0.0, max });
             return;
         };
-        let size = self.size;
+        let (rows, columns) = (self.layout.size_of(high as usize), self.layout.size_of(low as usize));
         self.factored = false;
-        for c in 0..size {
+        for c in 0..columns {
             let first = if place == 0 { c } else { 0 };
-            let start = self.entry(place, first, low as usize * size + c);
-            for (r, entry) in (first..size).zip(&mut self.hessian[start..]) {
+            let start = self.entry(place, first, low as usize, c);
+            for (r, entry) in (first..rows).zip(&mut self.hessian[start..]) {
                 // The lower half is asked for: where the product was said of the upper one, its transpose.
-                *entry += if row >= column { product[c * size + r] } else { product[r * size + c] };
+                *entry += if row >= column { product[c * rows + r] } else { product[r * columns + c] };
             }
         }
     }
 
     /// Adds to the gradient of a block.
     #[inline]
-    pub(super) fn add_gradient(&mut self, block: u32, slope: &[f64]) {
-        let first = block as usize * self.size;
-        if let Some(gradient) = self.gradient.get_mut(first..first + self.size) {
+    pub(crate) fn add_gradient(&mut self, block: u32, slope: &[f64]) {
+        let (first, size) = (self.layout.first_of(block as usize), self.layout.size_of(block as usize));
+        if let Some(gradient) = self.gradient.get_mut(first..first + size) {
             gradient.iter_mut().zip(slope).for_each(|(sum, slope)| *sum += slope);
         }
     }
 
     /// Factors the Hessian as it stands, unless that was done, for [`substitute`](Self::substitute); false if it is not positive
     /// definite.
-    pub(super) fn factorize(&mut self) -> bool {
+    pub(crate) fn factorize(&mut self) -> bool {
         let Some(factor) = &mut self.factor else { return self.gradient.is_empty() };
         if !self.factored {
             factor.damped.copy_from_slice(&self.hessian);
@@ -187,7 +245,7 @@ impl SparseNormalEquations {
 
     /// Solves `H x = rhs` in place, with the Hessian that was factored last; false if the solution is not finite, or the length of
     /// `rhs` is not the number of unknowns.
-    pub(super) fn substitute(&mut self, rhs: &mut [f64]) -> bool {
+    pub(crate) fn substitute(&mut self, rhs: &mut [f64]) -> bool {
         rhs.len() == self.gradient.len() && self.factor.as_mut().map_or(rhs.is_empty(), |factor| factor.substitute(rhs))
     }
 }
@@ -266,8 +324,10 @@ impl NormalSystem for SparseNormalEquations {
             }
             for (j, &column) in unknowns.iter().enumerate().take(i + 1).filter(|(_, column)| **column != FIXED) {
                 let (low, high) = (row.min(column), row.max(column));
-                if let Some(block) = self.find((high / self.size) as u32, (low / self.size) as u32) {
-                    let entry = self.entry(block, high % self.size, low);
+                let ((high_block, inner_row), (low_block, inner_column)) =
+                    (self.layout.split(high), self.layout.split(low));
+                if let Some(place) = self.find(high_block as u32, low_block as u32) {
+                    let entry = self.entry(place, inner_row, low_block, inner_column);
                     self.hessian[entry] += outer[(i, j)];
                 } else {
                     let max = self.dimension().saturating_sub(1) as f64;

@@ -13,7 +13,7 @@ const PAIRS: [(u32, u32); 4] = [(0, 1), (3, 1), (2, 3), (3, 1)];
 
 fn empty() -> SparseNormalEquations {
     let mut system = SparseNormalEquations::default();
-    system.reset(3, 4, PAIRS).unwrap();
+    system.reset(Layout::uniform(3, 4), PAIRS).unwrap();
     system
 }
 
@@ -87,7 +87,7 @@ fn residuals_by_unknown_add_up_to_the_same() {
 #[test]
 fn what_has_no_place_is_a_fault() {
     let mut system = empty();
-    assert!(system.reset(3, 4, [(0, 4)]).is_err() && system.reset(0, 4, []).is_err());
+    assert!(system.reset(Layout::uniform(3, 4), [(0, 4)]).is_err() && system.reset(Layout::uniform(0, 4), []).is_err());
     let unit = Matrix3::<f64>::identity();
     system = empty();
     system.add_block(0, 2, unit.as_slice());
@@ -103,4 +103,53 @@ fn what_has_no_place_is_a_fault() {
     assert!(matches!(system.check(), Err(Error::NotFinite { .. })));
     system.clear();
     assert!(system.check().is_ok() && !system.factorize(), "empty sums determine nothing");
+}
+
+/// Two poses and two points: every way in which blocks of two sizes meet.
+#[test]
+fn blocks_of_two_sizes_are_those_of_full_matrices() {
+    let layout = Layout { size: 3, large: 2, small_size: 2, small: 2 };
+    let mut system = SparseNormalEquations::default();
+    system.reset(layout, [(0, 1), (0, 2), (1, 2), (1, 3)]).unwrap();
+    let (mut full, mut slope) = (DMatrix::<f64>::identity(10, 10) * 0.0, DVector::<f64>::zeros(10));
+    for (k, (pose, point)) in [(0, 2), (1, 2), (1, 3)].into_iter().enumerate() {
+        let (by_pose, by_point): (SMatrix<f64, 2, 3>, SMatrix<f64, 2, 2>) = (wave(k), wave(k + 5));
+        let residual: SMatrix<f64, 2, 1> = wave(k + 9);
+        system.add_block(pose, pose, (by_pose.transpose() * by_pose + Matrix3::identity()).as_slice());
+        system.add_block(point, point, (by_point.transpose() * by_point).as_slice());
+        if k == 1 {
+            system.add_block(pose, point, (by_pose.transpose() * by_point).as_slice());
+        } else {
+            system.add_block(point, pose, (by_point.transpose() * by_pose).as_slice());
+        }
+        system.add_gradient(pose, (by_pose.transpose() * residual).as_slice());
+        system.add_gradient(point, (by_point.transpose() * residual).as_slice());
+        let (at_pose, at_point) = (layout.first_of(pose as usize), layout.first_of(point as usize));
+        let mut spread = DMatrix::zeros(2, 10);
+        spread.view_mut((0, at_pose), (2, 3)).copy_from(&by_pose);
+        spread.view_mut((0, at_point), (2, 2)).copy_from(&by_point);
+        full += spread.transpose() * &spread;
+        slope += spread.transpose() * residual;
+        for i in 0..3 {
+            full[(at_pose + i, at_pose + i)] += 1.0;
+        }
+    }
+    // Single unknowns: of a pose with one of the other, of a pose with a point, and of the points.
+    for (k, unknowns) in [[1, 5], [4, 9], [6, 7], [8, 8]].into_iter().enumerate() {
+        let pair = if unknowns[0] == unknowns[1] { [unknowns[0], FIXED] } else { unknowns };
+        let (jacobian, residual): (SMatrix<f64, 1, 2>, SMatrix<f64, 1, 1>) = (wave(k + 20), wave(k + 30));
+        system.accumulate(&pair, &residual, &jacobian, 2.0);
+        let mut spread = DMatrix::zeros(1, 10);
+        for (i, &unknown) in pair.iter().enumerate().filter(|(_, unknown)| **unknown != FIXED) {
+            spread[(0, unknown)] = jacobian[i];
+        }
+        full += spread.transpose() * &spread * 2.0;
+        slope += spread.transpose() * residual * 2.0;
+    }
+    assert!(system.check().is_ok());
+    assert!((DVector::from_column_slice(system.gradient()) - &slope).norm() < 1e-12);
+    assert!((0..10).all(|i| (system.diagonal(i) - full[(i, i)]).abs() < 1e-12));
+    let mut solved = slope.as_slice().to_vec();
+    assert!(system.factorize() && system.substitute(&mut solved));
+    assert!((full * DVector::from_vec(solved) - slope).norm() < 1e-9);
 }
