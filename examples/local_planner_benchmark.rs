@@ -40,15 +40,26 @@ use std::process::ExitCode;
 
 type Result<T> = std::result::Result<T, Box<dyn std::error::Error + Send + Sync>>;
 
+/// What is otherwise than it should be, for comparison.
+#[derive(clap::Args)]
+struct Comparison {
+    /// Let the dynamic window's time follow speed and room (paper 000), for comparison
+    #[arg(long)]
+    adaptive_window: bool,
+    /// Take obstacles that move to stand where they are seen: planning without a sense of time, for comparison
+    #[arg(long)]
+    frozen: bool,
+    /// Tell the planner what truly moves, instead of what is tracked in the scans, for comparison
+    #[arg(long)]
+    oracle: bool,
+}
+
 /// Lets a local planner drive through worlds that it has never seen.
 #[derive(Parser)]
 struct Args {
     /// Local planner
     #[arg(long, value_enum, default_value = "dwa")]
     planner: planners::Planner,
-    /// Let the dynamic window's time follow speed and room (paper 000), for comparison
-    #[arg(long)]
-    adaptive_window: bool,
     #[command(flatten)]
     worlds: worlds::WorldArgs,
     /// Greatest speed, in metres per second
@@ -63,12 +74,8 @@ struct Args {
     /// At most so many worlds, spread over all
     #[arg(long)]
     limit: Option<usize>,
-    /// Take obstacles that move to stand where they are seen: planning without a sense of time, for comparison
-    #[arg(long)]
-    frozen: bool,
-    /// Tell the planner what truly moves, instead of what is tracked in the scans, for comparison
-    #[arg(long)]
-    oracle: bool,
+    #[command(flatten)]
+    compare: Comparison,
     /// Pictures of all runs, not of the first and of failures only
     #[arg(long)]
     all_pictures: bool,

@@ -147,7 +147,7 @@ fn as_seen(obstacles: &mut [MovingObstacle], truth: &Se2, believed: &Se2) {
 }
 
 fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
-    let (planner, v_max, frozen) = (args.planner, args.v_max, args.frozen);
+    let (planner, v_max, frozen) = (args.planner, args.v_max, args.compare.frozen);
     let world: &dyn PlanarWorld = &*trial.world;
     let (body, footprint) = (planners::body()?, planners::footprint()?);
     let limits: MotionLimits = planners::limits(v_max).into();
@@ -159,7 +159,7 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
             .with_moving(trial.moving.clone());
     let known = trial.map.as_ref().filter(|_| args.worlds.known_map);
     let mut sight = Sight::new(&footprint, trial.window, frozen, known)?;
-    let mut navigation = planners::navigation(planner, args.adaptive_window)?;
+    let mut navigation = planners::navigation(planner, args.compare.adaptive_window)?;
     navigation.go_to(&trial.goal)?;
 
     let mut run = Run::from(trial.start);
@@ -169,12 +169,12 @@ fn one(trial: &Trial, args: &Args, seed: Seed) -> Result<Run> {
     let mut scan = simulator.look()?.scan().cloned().ok_or("the laser is silent")?;
     let cycles = (args.timeout / CYCLE) as u64;
     'driving: for cycle in 0..cycles {
-        if args.oracle {
+        if args.compare.oracle {
             trial.moving.states_into(cycle as f64 * CYCLE, &mut told);
             as_seen(&mut told, &simulator.vehicle().map_from_base(), &believed);
         }
         let command = run.cycles.time(|| {
-            run.sight.time(|| sight.look(&scan, &believed, args.oracle.then_some(&*told)))?;
+            run.sight.time(|| sight.look(&scan, &believed, args.compare.oracle.then_some(&*told)))?;
             navigation
                 .cycle(NavigationRequest {
                     // The vehicle ramps where planners take commands as steps: half a cycle ahead both come to the same.

@@ -75,6 +75,23 @@ fn ask(matcher: &mut dyn ScanMatcher, readings: &[(Se2, LaserScan)], distance: f
     Found { share: good / asked, position: root(position), heading: root(heading), deceived: deceived / asked }
 }
 
+/// A matcher, and what is asked of it.
+struct Candidate {
+    name: &'static str,
+    matcher: Box<dyn ScanMatcher>,
+    /// How far off a guess may be for nineteen in twenty to come home, in metres and in radians.
+    distance: f64,
+    angle: f64,
+    /// How near they come, in metres.
+    accuracy: f64,
+}
+
+impl Candidate {
+    fn new(name: &'static str, matcher: impl ScanMatcher + 'static, distance: f64, angle: f64, accuracy: f64) -> Self {
+        Self { name, matcher: Box::new(matcher), distance, angle, accuracy }
+    }
+}
+
 #[test]
 fn scan_matchers_find_the_pose_from_where_they_say() {
     let world = hall();
@@ -86,29 +103,34 @@ fn scan_matchers_find_the_pose_from_where_they_say() {
         poses.iter().zip(&scans).map(|(pose, scan)| TargetScan { target_from_base: *pose, scan }).collect();
     let readings = readings(&mut laser, &world, 5);
 
-    // Each with how far off a guess may be, in metres and in radians, for nineteen in twenty to come home, and how near they come.
-    let matchers: [(&str, Box<dyn ScanMatcher>, f64, f64, f64); 5] = [
-        (
+    let candidates = [
+        Candidate::new(
             "CorrelativeMatcher",
-            Box::new(CorrelativeMatcher::new(CorrelativeParams::default()).unwrap()),
+            CorrelativeMatcher::new(CorrelativeParams::default()).unwrap(),
             0.5,
             0.3,
             0.01,
         ),
-        ("ClimbingMatcher", Box::new(ClimbingMatcher::new(ClimbingMatcherParams::default()).unwrap()), 0.3, 0.2, 0.01),
-        ("FieldMatcher", Box::new(FieldMatcher::new(FieldMatcherParams::default()).unwrap()), 0.5, 0.3, 0.02),
-        (
+        Candidate::new(
+            "ClimbingMatcher",
+            ClimbingMatcher::new(ClimbingMatcherParams::default()).unwrap(),
+            0.3,
+            0.2,
+            0.01,
+        ),
+        Candidate::new("FieldMatcher", FieldMatcher::new(FieldMatcherParams::default()).unwrap(), 0.5, 0.3, 0.02),
+        Candidate::new(
             "PointToLineMatcher",
-            Box::new(PointToLineMatcher::new(PointToLineParams::default()).unwrap()),
+            PointToLineMatcher::new(PointToLineParams::default()).unwrap(),
             0.5,
             0.3,
             0.01,
         ),
-        ("NdtScanMatcher", Box::new(NdtScanMatcher::new(NdtScanMatcherParams::default()).unwrap()), 0.5, 0.2, 0.02),
+        Candidate::new("NdtScanMatcher", NdtScanMatcher::new(NdtScanMatcherParams::default()).unwrap(), 0.5, 0.2, 0.02),
     ];
     let (distances, angles) = ([0.2, 0.3, 0.5, 0.8, 1.2], [0.1, 0.2, 0.3, 0.5, 0.8]);
     println!("| matcher | error | found from off by {distances:?} m | off by {angles:?} rad | deceived, worst |");
-    for (name, mut matcher, distance, angle, accuracy) in matchers {
+    for Candidate { name, mut matcher, distance, angle, accuracy } in candidates {
         matcher.set_target(&target).unwrap();
         let near = ask(&mut *matcher, &readings, 0.02, 0.01);
         let off = distances.map(|distance| ask(&mut *matcher, &readings, distance, 0.0));

@@ -70,7 +70,9 @@ mod tests {
 
     fn sums(points: &[Vector2<f64>]) -> LineSums {
         let mut sums = LineSums::default();
-        points.iter().for_each(|point| sums.add(point));
+        for point in points {
+            sums.add(point);
+        }
         sums
     }
 

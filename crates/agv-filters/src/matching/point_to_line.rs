@@ -105,9 +105,9 @@ impl PointToLineParams {
             resolution,
             sigma,
             range_sigma,
-            normal_radius,
             min_points,
             min_inlier_ratio,
+            normal_radius,
             observable,
             ..Default::default()
         }
