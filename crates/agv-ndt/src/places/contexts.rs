@@ -31,7 +31,7 @@ pub struct PlaceMatch {
 /// use agv_core::{nalgebra::Vector3, sensors::PointCloud};
 /// use agv_ndt::places::{ScanContext, ScanContextParams, ScanContexts};
 ///
-/// // Pillars around the vehicle, and the same after it turned left by 0.6 rad.
+/// // Pillars around the vehicle, and the same after it turned left by six of the sixty sectors.
 /// let seen = |yaw: f32| PointCloud::from_points((0..40).map(|i| {
 ///     let (angle, range) = (i as f32 * 0.7 - yaw, 5.0 + 7.0 * (i as f32 * 1.3).sin().abs());
 ///     Vector3::new(range * angle.cos(), range * angle.sin(), 1.0 + (i as f32 * 2.1).cos())
@@ -40,9 +40,9 @@ pub struct PlaceMatch {
 /// let (mut here, mut found) = (ScanContext::default(), Vec::new());
 /// places.describe_into(&seen(0.0), &mut here);
 /// places.push(&here);
-/// places.describe_into(&seen(0.6), &mut here);
+/// places.describe_into(&seen(0.628), &mut here);
 /// places.find_into(&here, |_| true, &mut found);
-/// assert!(found[0].place == 0 && (found[0].yaw - 0.6).abs() < 0.06);
+/// assert!(found[0].place == 0 && (found[0].yaw - 0.628).abs() < 0.06);
 /// # Ok::<(), agv_ndt::Error>(())
 /// ```
 #[derive(Debug, Clone, PartialEq)]
