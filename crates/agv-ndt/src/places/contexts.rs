@@ -31,9 +31,9 @@ pub struct PlaceMatch {
 /// use agv_core::{nalgebra::Vector3, sensors::PointCloud};
 /// use agv_ndt::places::{ScanContext, ScanContextParams, ScanContexts};
 ///
-/// // Pillars around the vehicle, and the same after it turned left by six of the sixty sectors.
-/// let seen = |yaw: f32| PointCloud::from_points((0..40).map(|i| {
-///     let (angle, range) = (i as f32 * 0.7 - yaw, 5.0 + 7.0 * (i as f32 * 1.3).sin().abs());
+/// // What stands around the vehicle, and the same after it turned left by 0.628 rad, six of the sixty sectors.
+/// let seen = |yaw: f32| PointCloud::from_points((0..120).map(|i| {
+///     let (angle, range) = ((i as f32 + 0.5) * 0.05236 - yaw, 5.0 + 7.0 * (i as f32 * 1.3).sin().abs());
 ///     Vector3::new(range * angle.cos(), range * angle.sin(), 1.0 + (i as f32 * 2.1).cos())
 /// }));
 /// let mut places = ScanContexts::new(ScanContextParams::default())?;
