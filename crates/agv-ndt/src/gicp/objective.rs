@@ -78,7 +78,7 @@ impl PairObjective<'_> {
     pub(super) fn fit(&self, pose: &Se3, free: &Matrix6<f64>) -> PairFit {
         let (rotation, count) = (pose.rotation().matrix(), self.source.points.len());
         let chunk = |chunk: usize| {
-            let (mut facing, mut inliers) = (Facing::default(), 0);
+            let (mut facing, mut inliers) = (Facing::default(), 0_usize);
             for index in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
                 let Some(pair) = self.pair(pose, &rotation, index) else { continue };
                 // What does not fit says nothing of the direction that it faces.
