@@ -74,15 +74,18 @@ impl PairObjective<'_> {
         Some(Paired { y, offset: x - self.target.points[found].cast::<f64>(), weight, normal })
     }
 
-    /// Inliers, and the directions that the pairs leave free.
+    /// Inliers, and the directions that they leave free.
     pub(super) fn fit(&self, pose: &Se3, free: &Matrix6<f64>) -> PairFit {
         let (rotation, count) = (pose.rotation().matrix(), self.source.points.len());
         let chunk = |chunk: usize| {
-            let (mut facing, mut inliers) = (Facing::default(), 0);
+            let (mut facing, mut inliers) = (Facing::default(), 0_usize);
             for index in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
                 let Some(pair) = self.pair(pose, &rotation, index) else { continue };
-                facing.add(&pair.y, &(pair.normal * pair.normal.transpose()));
-                inliers += usize::from(pair.distance() <= self.params.inlier_distance);
+                // What does not fit says nothing of the direction that it faces.
+                if pair.distance() <= self.params.inlier_distance {
+                    facing.add(&pair.y, &(pair.normal * pair.normal.transpose()));
+                    inliers += 1;
+                }
             }
             (facing, inliers)
         };

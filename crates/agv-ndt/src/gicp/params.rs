@@ -36,14 +36,15 @@ pub struct PointParams {
     /// When to stop.
     pub descent: DescentParams,
     /// Scale of the robust kernel of the last steps, in metres along a normal: pairs that are well beyond it count for nothing then.
-    /// None for squares to the end.
+    /// From 1 mm to 1 km. Where the descent by squares does not come to rest, or is degenerate, it is not used; each of the two descents
+    /// has the iterations of [`descent`](Self::descent). None for squares to the end.
     pub kernel: Option<f64>,
     /// Distance up to which a pair is an inlier, in metres: from the target's plane, or from the source's where the metric is
     /// [`Voxelized`](PointMetric::Voxelized); between the points where that has no normal.
     pub inlier_distance: f64,
     /// Share of inliers below which a result is [`PoorFit`](agv_core::roles::Termination::PoorFit).
     pub min_inlier_ratio: f64,
-    /// Share of the points that must face a direction for it to be observed.
+    /// Share of the inliers that must face a direction for it to be observed.
     pub min_facing_share: f64,
 }
 
@@ -79,7 +80,7 @@ impl PointParams {
         check::positive("max_distance", f64::from(self.max_distance))?;
         check::in_range("resolution", self.resolution, 0.01, 1000.0)?;
         if let Some(kernel) = self.kernel {
-            check::positive("kernel", kernel)?;
+            check::in_range("kernel", kernel, 1e-3, 1e3)?;
         }
         check::positive("inlier_distance", self.inlier_distance)?;
         check::in_range("min_inlier_ratio", self.min_inlier_ratio, 0.0, 1.0)?;

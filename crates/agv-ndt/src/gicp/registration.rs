@@ -105,7 +105,7 @@ impl PointRegistration {
         let mut result = Alignment::unknown(found.pose, found.termination);
         result.iterations = found.iterations;
         let matches = found.quadratic.matches;
-        if matches == 0 || !found.pose.is_finite() {
+        if matches == 0 || !found.quadratic.cost.is_finite() || !found.pose.is_finite() {
             let mut lost = Alignment::unknown(*guess, Termination::TooFewPoints);
             lost.iterations = found.iterations;
             return lost;

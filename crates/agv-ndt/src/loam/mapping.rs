@@ -95,6 +95,7 @@ impl LocalMap {
     pub fn clear(&mut self) {
         self.surfaces.iter_mut().for_each(PointMap::clear);
         self.edges.clear();
+        self.window.recenter();
     }
 
     /// Adds features, given by their places in the base frame, and slides to the vehicle's pose if it has gone on a tenth of the

@@ -162,7 +162,7 @@ impl<R: Registration> Matcher for MapMatcher<R> {
         let mut alignment = self.registration.align(&self.source, &odom_from_target.between(guess))?;
         alignment.target_from_source = odom_from_target.compose(&alignment.target_from_source);
         let is_usable = alignment.converged() || alignment.termination == Termination::Degenerate;
-        Ok(Tracked { alignment, is_usable, is_clear: is_usable })
+        Ok(Tracked { alignment, is_usable, is_clear: alignment.converged() })
     }
 
     /// Also hands the map to the registration; one that it refuses is not a target.
@@ -183,6 +183,7 @@ impl<R: Registration> Matcher for MapMatcher<R> {
 
     fn forget(&mut self) {
         self.map.clear();
+        self.window.recenter();
         self.has_target = false;
     }
 }
@@ -224,6 +225,27 @@ mod tests {
         let plane = PointParams { metric: PointMetric::PointToPlane, ..PointParams::default() };
         check(&PointRegistration::new(plane).unwrap(), 0.02);
         check(&NdtRegistration::new(NdtParams::default()).unwrap(), 0.02);
+    }
+
+    /// ... also where the last drive went farther than the map's window does at once.
+    #[test]
+    fn after_a_reset_a_drive_has_the_bits_of_a_first_one() {
+        let params = FollowParams { source_leaf: 0.25, radius: 15.0, ..FollowParams::default() };
+        let mut odometry = Follow::new(NdtRegistration::new(NdtParams::default()).unwrap(), params).unwrap();
+        let mut drive = || {
+            odometry.reset();
+            // There and almost back again, so that the window follows twice.
+            let places = [0.0, 0.9, 1.8, 0.9, 0.25];
+            let poses = places.iter().zip(0..).map(|(&x, i)| {
+                let moved = x - if i == 0 { 0.0 } else { places[i as usize - 1] };
+                let (pose, prior) = (Se3::from(Se2::new(x, 0.0, 0.0)), Se3::from(Se2::new(moved, 0.0, 0.0)));
+                odometry.process(&seen(&pose, i), Some(&prior)).unwrap().odom_from_base
+            });
+            poses.collect::<Vec<_>>()
+        };
+        let first = drive();
+        assert!((first[4].translation().x - 0.25).abs() < 0.02, "{}", first[4].translation());
+        assert_eq!(drive(), first);
     }
 
     #[test]

@@ -9,7 +9,8 @@
 //!   fits nowhere:  the prediction is the pose, the map stays as it is; after five in a row it is begun anew
 //! ```
 //!
-//! A cloud of a handful of points, as of a lidar that is covered, says nothing: it is no reason to doubt the map.
+//! A cloud of a handful of points, where those of the map had many, as of a lidar that is covered, says nothing: it is no reason to doubt
+//! the map.
 
 use super::{MotionPrior, is_skewed, sweep};
 use agv_core::{
@@ -26,8 +27,11 @@ pub(crate) const LEAST_SIGMA: f64 = 0.1;
 /// Clouds in a row that fit nowhere, after which the map is begun anew where the prediction is.
 const GIVE_UP: usize = 5;
 
-/// Points or features of a cloud, below which it says nothing of where the vehicle is.
+/// Points or features of a cloud, below which it says nothing of where the vehicle is, if ...
 const FEWEST: usize = 50;
+
+/// ... it also has less than one in so many of what the last cloud in the map had: what is few depends on the lidar and the place.
+const FEW: usize = 4;
 
 /// How a cloud met the map.
 #[derive(Debug, Clone, Copy)]
@@ -42,11 +46,12 @@ pub(crate) struct Tracked {
 impl Tracked {
     /// Whether this explains more of the cloud than another result.
     fn beats(&self, other: &Self) -> bool {
-        let rank = |of: &Self| (of.is_usable, of.alignment.inlier_ratio);
+        let rank = |of: &Self| (of.is_usable, of.alignment.converged(), of.alignment.inlier_ratio);
         rank(self) > rank(other)
     }
 
-    /// Takes the predicted place along what the cloud leaves free: noise has it otherwise.
+    /// Takes the predicted place along what the cloud leaves free: noise has it otherwise. A pose that was found far from the prediction
+    /// is moved by as much, and not aligned again.
     fn hold(&mut self, predicted: &Se3) {
         let found = &mut self.alignment;
         let pose = found.target_from_source;
@@ -86,12 +91,14 @@ pub(crate) struct Tracker {
     prior: Option<MotionPrior>,
     /// Clouds in a row that fitted nowhere.
     misses: usize,
+    /// Points or features of the last cloud that was taken into the map.
+    usual: usize,
 }
 
 impl Tracker {
     /// Before the first cloud.
     pub(crate) const fn new(initial_sigma: f64) -> Self {
-        Self { initial_sigma, prior: None, misses: 0 }
+        Self { initial_sigma, prior: None, misses: 0, usual: 0 }
     }
 
     /// Takes the next cloud; this is as it was if that is refused.
@@ -109,6 +116,7 @@ impl Tracker {
         let Some(mut state) = self.prior else {
             matcher.place(cloud, None)?;
             matcher.remember(&Se3::identity());
+            self.usual = matcher.placed().0;
             self.prior = Some(MotionPrior::new(stamp, self.initial_sigma));
             return Ok(LidarOdometryStep { odom_from_base: Se3::identity(), alignment: None });
         };
@@ -121,7 +129,7 @@ impl Tracker {
         let mut search = Search { matcher, cloud, skew: velocity(&predicted) };
         search.matcher.place(cloud, search.skew.as_ref())?;
         let (count, range) = search.matcher.placed();
-        let tells = count >= FEWEST;
+        let tells = count >= FEWEST.min(self.usual / FEW).max(1);
         let sigma = state.sigma().max(LEAST_SIGMA);
         let mut found = search.matcher.track(&predicted, sigma)?;
         if !found.is_clear && tells && search.matcher.has_map() {
@@ -142,6 +150,7 @@ impl Tracker {
         }
         if anew || found.is_usable {
             search.matcher.remember(&pose);
+            self.usual = count;
         }
         if found.is_usable {
             state.learn(&predicted, &pose, range);

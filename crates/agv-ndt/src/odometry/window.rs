@@ -23,6 +23,11 @@ impl Window {
         self.center
     }
 
+    /// Goes back to the origin, as when the map is emptied.
+    pub(crate) fn recenter(&mut self) {
+        self.center = Vector3::zeros();
+    }
+
     /// Follows the vehicle if it has gone far enough, and says so: what is farther than the radius from here may then be forgotten.
     pub(crate) fn slides(&mut self, here: &Vector3<f64>) -> Option<f64> {
         let far = (here - self.center).norm() > SLIDE * self.radius;
@@ -45,5 +50,7 @@ mod tests {
         let here = Vector3::new(0.0, 5.1, 0.0);
         assert_eq!(window.slides(&here), Some(50.0));
         assert_eq!((window.center(), window.slides(&here)), (here, None));
+        window.recenter();
+        assert_eq!(window, Window::new(50.0));
     }
 }

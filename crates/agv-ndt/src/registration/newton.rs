@@ -57,10 +57,10 @@ pub(super) fn minimize(
         best.iterations += evaluations;
         // What was tried last is what was found, unless the cost was no number there.
         if !sound(&tried.quadratic) || found.value >= best.quadratic.cost || found.step == 0.0 {
-            let termination = if nearly_at_rest {
-                Termination::Converged
-            } else if end == LineSearchEnd::EvaluationLimit {
+            let termination = if end == LineSearchEnd::EvaluationLimit {
                 Termination::IterationLimit
+            } else if nearly_at_rest && sound(&tried.quadratic) {
+                Termination::Converged
             } else {
                 Termination::Stalled
             };
@@ -146,6 +146,21 @@ mod tests {
                 from = f64::max(from, x);
             }
         }
+    }
+
+    /// Two millimetres before its least the cost jumps: there is no better rest. Where it is no number nothing is known.
+    #[test]
+    fn a_jump_close_to_the_least_is_rest() {
+        for (jump, termination) in [(1e-5, Termination::Converged), (f64::NAN, Termination::Stalled)] {
+            let cost = |x: f64| ((x - 0.002).powi(2) + if x > 0.0 { jump } else { 0.0 }, 2.0 * (x - 0.002), 2.0);
+            let (found, _) = walked(cost, &DescentParams::default());
+            assert_eq!(found.termination, termination);
+            assert_eq!(found.pose, Se3::identity());
+        }
+        // ... nor where there was no more time to look.
+        let few = DescentParams { max_iterations: 2, ..DescentParams::default() };
+        let cost = |x: f64| ((x - 0.002).powi(2) + if x > 0.0 { 1e-5 } else { 0.0 }, 2.0 * (x - 0.002), 2.0);
+        assert_eq!(walked(cost, &few).0.termination, Termination::IterationLimit);
     }
 
     #[test]

@@ -20,6 +20,13 @@ fn registration(metric: PointMetric) -> PointRegistration {
     PointRegistration::new(PointParams { metric, ..PointParams::default() }).unwrap()
 }
 
+/// Floor and walls of 16 m of a corridor.
+const SHORT: [[[f64; 3]; 3]; 3] = [
+    [[-8.0, -1.4, -1.0], [16.0, 0.0, 0.0], [0.0, 2.8, 0.0]],
+    [[-8.0, -1.4, -1.0], [16.0, 0.0, 0.0], [0.0, 0.0, 2.5]],
+    [[-8.0, 1.4, -1.0], [16.0, 0.0, 0.0], [0.0, 0.0, 2.5]],
+];
+
 #[test]
 fn every_metric_keeps_the_laws_and_finds_the_pose() {
     let (target, source) = room(&truth());
@@ -97,6 +104,29 @@ fn what_the_target_did_not_see_does_not_draw_the_pose() {
     }
 }
 
+/// A door face across a corridor, and the door's leaf half a metre on: pairs that do not fit fix nothing along it.
+#[test]
+fn a_wall_that_nothing_fits_to_fixes_nothing() {
+    let door = [[0.3, 0.0, -1.0], [0.0, 0.9, 0.0], [0.0, 0.0, 2.0]];
+    let with_door = |x: f64, per_area: f64, draw: u32| {
+        let mut points = sheets(&SHORT, per_area, draw);
+        points.extend(sheets(&[door], 4.0 * per_area, draw + 50).iter().map(|p| p + Vector3::x() * x));
+        cloud(&points, &Se3::identity())
+    };
+    for metric in METRICS {
+        let mut icp = registration(metric);
+        icp.set_target(&with_door(0.0, 16.0, 1)).unwrap();
+        for (x, unobserved) in [(0.0, 0.0), (0.4, 1.0)] {
+            icp.source.rebuild(&with_door(x, 12.0, 2), &icp.params.normals, icp.par).unwrap();
+            let PointRegistration { target, voxels, source, params, par, .. } = &icp;
+            let objective = PairObjective { target, voxels, source, params, kernel: f64::INFINITY, par: *par };
+            let fit = objective.fit(&Se3::identity(), &Matrix6::identity());
+            assert!((fit.unobserved.m11 - unobserved).abs() < 0.05, "{metric:?} {x}: {}", fit.unobserved);
+            assert!(fit.inlier_ratio > 0.5, "{metric:?} {x}: {}", fit.inlier_ratio);
+        }
+    }
+}
+
 /// Points too far apart for normals, and each off by 70 cm in a way that no pose mends.
 #[test]
 fn pairs_without_normals_are_inliers_by_their_distance() {
@@ -153,6 +183,8 @@ fn bad_parameters_are_named() {
         PointParams { resolution: 0.0, ..good },
         PointParams { kernel: Some(0.0), ..good },
         PointParams { kernel: Some(f64::NAN), ..good },
+        PointParams { kernel: Some(1e-170), ..good },
+        PointParams { kernel: Some(1e170), ..good },
         PointParams { inlier_distance: -1.0, ..good },
         PointParams { min_inlier_ratio: 2.0, ..good },
         PointParams { min_facing_share: 0.0, ..good },

@@ -10,6 +10,7 @@ use agv_core::{
 impl Correct<PointCloud> for NdtLocalizer {
     /// The observation is compensated for the motion between its stamp and the end of the last motion.
     fn update(&mut self, cloud: &PointCloud) -> Result<UpdateOutcome, LocalizationError> {
+        self.is_fresh = false;
         let mut state = self.state.take().ok_or(LocalizationError::NotInitialized)?;
         let outcome = self.correct(&mut state, cloud);
         self.state = Some(state);
@@ -39,6 +40,7 @@ impl NdtLocalizer {
             }
             self.straight.copy_from(cloud);
         }
+        self.is_fresh = true;
         self.thin.filter_into(&self.straight, &mut self.thinned);
         let mount = self.thinned.base_from_sensor();
         self.thinned.transform(&mount);

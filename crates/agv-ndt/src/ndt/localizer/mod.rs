@@ -15,7 +15,7 @@
 //! match has no information: the estimate follows the odometry there, and its variance grows.
 //!
 //! That has a limit. Each cloud knows those directions to a milliradian or so, and what it says across them to 1.5 mm at best
-//! ([`floor`](NdtLocalizerParams::floor)): a deviation along them beyond the ratio of the two, 1.5 m, is seen, wrongly, in what is
+//! (the default [`floor`](NdtLocalizerParams::floor)): a deviation along them beyond the ratio of the two, 1.5 m then, is seen, wrongly, in what is
 //! across. Clouds that follow each other take a standard deviation of metres for smaller than it is. Read one of more than a metre as
 //! "not known".
 
@@ -102,6 +102,8 @@ pub struct NdtLocalizer {
     /// The cloud deskewed, and what is left of it in the base frame.
     straight: PointCloud,
     thinned: PointCloud,
+    /// Whether the cloud is of the last update, and not in the map yet.
+    is_fresh: bool,
 }
 
 impl NdtLocalizer {
@@ -124,6 +126,7 @@ impl NdtLocalizer {
             search: Search::default(),
             straight: PointCloud::default(),
             thinned: PointCloud::default(),
+            is_fresh: false,
             params,
         })
     }
@@ -161,10 +164,21 @@ impl NdtLocalizer {
     /// Adds the last cloud to the map as [`straightened`](Self::straightened) has it, taken from `map_from_base`, and says how many
     /// points that are; belief and places stay. Linear in the points of the cloud, however large the map is.
     ///
+    /// None after an update that did not take its cloud, as a duplicate or one from outside the history, nor a second time; nor from a
+    /// localizer that was stored and loaded, before its first update: add the last cloud before it is stored.
+    ///
     /// # Errors
     /// A pose that is not finite; the map is then as it was.
     pub fn insert_straightened(&mut self, map_from_base: &Se3) -> Result<usize, Error> {
-        self.ndt.insert(&self.straight, &map_from_base.compose(&self.straight.base_from_sensor()))
+        let map_from_sensor = map_from_base.compose(&self.straight.base_from_sensor());
+        if !self.is_fresh {
+            check::all_finite("map_from_base", map_from_base.translation().iter())?;
+            check::all_finite("map_from_base", map_from_base.rotation().matrix().iter())?;
+            return Ok(0);
+        }
+        let inserted = self.ndt.insert(&self.straight, &map_from_sensor)?;
+        self.is_fresh = false;
+        Ok(inserted)
     }
 
     /// The map, with all else given up.

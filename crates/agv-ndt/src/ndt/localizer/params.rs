@@ -33,8 +33,9 @@ pub struct SearchParams {
     pub spacing: f64,
     /// Headings that are tried at each place.
     pub headings: usize,
-    /// Most starts, places times headings, that a search judges: of more places only every second, third, ... is tried, so that the
-    /// work of an update is bounded. Beyond a place every 2 m or so the right one may be missed: give places of one's own in larger maps.
+    /// Most starts, places times headings, that a search judges: of more places one in every square is tried that is just large
+    /// enough, so that the work of an update is bounded. Where that is less than a place every 2 m or so the right one may be missed: give
+    /// places of one's own, or more starts, in larger maps.
     pub max_starts: usize,
     /// Best of the starts, by their score on the coarsest voxels, that are followed to their optimum; the belief's mean is besides.
     pub finalists: usize,

@@ -2,6 +2,7 @@
 
 use super::super::registration::NdtRegistration;
 use super::params::SearchParams;
+use super::places::spread_out;
 use agv_core::{
     geometry::{LieGroup, Se3, So3},
     roles::{Alignment, AlignmentError, Registration},
@@ -39,17 +40,16 @@ impl Search {
         self.guesses.clear();
         self.guesses.push(*around);
         let near = |place: &&Se3| (place.translation() - around.translation()).norm() <= radius;
-        // As many places as there may be starts, evenly over the list.
-        let most = (params.max_starts / params.headings).max(1);
-        let stride = places.iter().filter(near).count().div_ceil(most).max(1);
-        for place in places.iter().filter(near).step_by(stride) {
+        let near = places.iter().filter(near).copied().collect();
+        let (places, apart) = spread_out(near, params.spacing, (params.max_starts / params.headings).max(1));
+        for place in &places {
             for heading in 0..params.headings {
                 let turn = So3::exp(&Vector3::new(0.0, 0.0, heading as f64 * step));
                 self.guesses.push(place.compose(&Se3::from_parts(Vector3::zeros(), turn)));
             }
         }
         ndt.glance(source, &self.guesses, &mut self.scores);
-        self.pick(params, 1.5 * params.spacing, 1.5 * step);
+        self.pick(params, 1.5 * apart, 1.5 * step);
         self.found.clear();
         for guess in &self.finalists {
             let result = ndt.align(source, guess)?;

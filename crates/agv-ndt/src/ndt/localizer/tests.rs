@@ -150,6 +150,12 @@ fn a_map_grows_by_the_last_cloud() {
     assert!(localizer.insert_straightened(&at(f64::NAN, 0.0, 0.0)).is_err());
     assert_eq!(localizer.insert_straightened(&place), Ok(cloud.len()));
     assert_eq!(localizer.map(), &expected);
+    // Once, and no ghost of it with a cloud that was not taken.
+    assert_eq!(localizer.insert_straightened(&place), Ok(0));
+    let next = cloud.clone().with_stamp(Stamp::from_seconds(0.1));
+    assert!(matches!(localizer.update(&next), Ok(UpdateOutcome::Applied(_))));
+    assert!(matches!(localizer.update(&next), Ok(UpdateOutcome::Skipped(SkipReason::Duplicate))));
+    assert_eq!(localizer.insert_straightened(&at(0.7, 0.2, 0.4)), Ok(0));
     assert_eq!(localizer.into_map(), expected);
 }
 
