@@ -183,4 +183,36 @@ mod tests {
         let (tempered, _) = set.temper(&mut values, summary, 4.0, Par::Seq);
         assert!((tempered.effective_sample_size - 3.0).abs() < 1e-9 && set.weights()[2] == 0.0);
     }
+
+    /// A large set is sampled first, by chunks; a sample that misleads costs steps and changes nothing else. Threads change no bit.
+    #[test]
+    fn large_sets_are_sampled_first() {
+        let count = 20_000;
+        assert!(count > LARGE * CHUNK);
+        // Off by so much: as a Gaussian has it.
+        let spread = |i: usize| -((i * 7_919 % count) as f64 / count as f64 * 12.0).powi(2);
+        let is_sampled = |i: usize| (i / CHUNK).is_multiple_of(SAMPLED);
+        let like_all = (0..count).map(spread).collect();
+        let chunks_two_to_eight =
+            (0..count).map(|i| if (1..8).contains(&(i / CHUNK)) { spread(i) } else { f64::NEG_INFINITY }).collect();
+        let none_sampled = (0..count).map(|i| if is_sampled(i) { f64::NEG_INFINITY } else { spread(i) }).collect();
+        let sampled_fit = (0..count).map(|i| if is_sampled(i) { 0.1 } else { 1.0 } * spread(i)).collect();
+        let sampled_do_not = (0..count).map(|i| if is_sampled(i) { 10.0 } else { 1.0 } * spread(i)).collect();
+        let cases: [Vec<f64>; 5] = [like_all, chunks_two_to_eight, none_sampled, sampled_fit, sampled_do_not];
+        for (case, logs) in cases.iter().enumerate() {
+            let temper = |par: Par| {
+                let (mut set, mut values) = (set(count), logs.clone());
+                let summary = set.reweigh(&values, par).unwrap();
+                // Fewer than fit at all.
+                let least = if case == 1 { 1_200.0 } else { 5_000.0 };
+                assert!(summary.effective_sample_size < least, "{case}: {summary:?}");
+                let (tempered, power) = set.temper(&mut values, summary, least, par);
+                let share = tempered.effective_sample_size / least;
+                assert!((0.999_999..GOOD + 1e-6).contains(&share) && power > 0.0, "{case}: {share} {power}");
+                set.log_weights().iter().map(|weight| weight.to_bits()).collect::<Vec<_>>()
+            };
+            let one = temper(Par::Seq);
+            assert!(one == temper(Par::threads(2)) && one == temper(Par::threads(4)), "{case}");
+        }
+    }
 }

@@ -3,20 +3,14 @@
 use super::{
     GraphSlam,
     closures::{self, Closure, Keys},
+    confirm::{Claim, confirmed},
     slam::{CLOSURE_KERNEL, Derived},
 };
 use crate::graph::{PoseId, Relation};
-use agv_core::{
-    Error,
-    geometry::{LieGroup, Se2},
-    roles::AlignmentError,
-};
+use agv_core::{Error, geometry::LieGroup, roles::AlignmentError};
 
 /// Squared residual beyond which a closure contradicts the rest.
 const CONTRADICTION: f64 = 100.0;
-
-/// Least way between key scans whose closures confirm each other, in metres: neighbours see the same and are deceived alike.
-const APART: f64 = 1.0;
 
 /// Way over which closures wait for others that agree, in metres.
 const PATIENCE: f64 = 8.0;
@@ -30,32 +24,23 @@ impl GraphSlam {
         let Derived { seekers, par, .. } = &mut self.derived;
         let found = closures::find(keys, window, &self.params, seekers, *par)?;
         let (poses, keys, path) = (self.graph.poses(), &self.keys, self.path);
-        self.pending.retain(|closure| path - keys[closure.to as usize].path <= PATIENCE);
+        let claim = |closure: &Closure| {
+            let way = keys.get(closure.to as usize)?.path;
+            Some(Claim { way, pose: closures::claimed(closure, poses)? })
+        };
+        self.pending.retain(|closure| claim(closure).is_some_and(|claim| path - claim.way <= PATIENCE));
         let Some(here) = poses.last() else { return Ok(0) };
         let mut believed = Vec::new();
         for closure in found {
-            let Some(claim) = closures::claimed(&closure, poses) else { continue };
-            if closures::agree(&claim, here, params.agreement) {
+            let Some(new) = claim(&closure) else { continue };
+            if closures::agree(&new.pose, here, params.agreement) {
                 believed.push(closure);
                 continue;
             }
-            let agrees = |other: &Closure| {
-                closures::claimed(other, poses).is_some_and(|other| closures::agree(&claim, &other, params.agreement))
-            };
-            let way = |closure: &Closure| keys[closure.to as usize].path;
-            // One claim for each place, and all of them alike.
-            let mut alike = vec![(way(&closure), claim)];
-            for other in self.pending.iter().filter(|other| agrees(other)) {
-                let Some(claim) = closures::claimed(other, poses) else { continue };
-                let is_another = |(at, before): &(f64, Se2)| {
-                    (at - way(other)).abs() >= APART && closures::agree(before, &claim, params.agreement)
-                };
-                if alike.iter().all(is_another) {
-                    alike.push((way(other), claim));
-                }
-            }
-            if alike.len() >= params.confirmations {
-                believed.extend(self.pending.extract_if(.., |other| agrees(other)));
+            let claims: Vec<Claim> = self.pending.iter().filter_map(claim).collect();
+            if let Some(others) = confirmed(new, &claims, params.agreement, params.confirmations) {
+                let mut index = 0..;
+                believed.extend(self.pending.extract_if(.., |_| index.next().is_some_and(|i| others.contains(&i))));
                 believed.push(closure);
             } else {
                 self.pending.push(closure);

@@ -10,8 +10,8 @@
 //!    wheels that slip far beyond what they are trusted with pull next to nothing.
 //! 3. *Loop closures.* A key scan is sought in groups of older ones around it by branch and bound, on wider cells than the front end's.
 //!    What is found counts at once where the graph expected it; elsewhere it waits for others, of key scans a metre apart, that agree
-//!    with it and with each other (the pairwise consistency of Mangelson et al., 2018, with the set gathered one by one and not the
-//!    largest sought).
+//!    with it and with each other (the pairwise consistency of Mangelson et al., 2018, with sets gathered one by one from each that
+//!    waits, and the largest of these taken).
 //! 4. *Correction.* The pose graph is solved, closures that contradict the rest are taken out, and
 //!    [`map`](GraphSlam::map) draws all key scans from their corrected poses.
 //!
@@ -21,6 +21,7 @@
 #[cfg(feature = "serde")]
 mod checkpoint;
 mod closures;
+mod confirm;
 mod correction;
 mod key_scan;
 mod params;
