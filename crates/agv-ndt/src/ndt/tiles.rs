@@ -2,7 +2,8 @@
 //!
 //! A tile is a value that holds the point sums of its voxels, from the floor to the roof. Since sums of voxels merge in any order to
 //! the same bits, so do tiles: a map is the same whether it was built at once, by tile, by several vehicles, or with tiles away.
-//! Writing a tile to a file is the caller's (feature `serde`).
+//! Writing a tile to a file is the caller's (feature `serde`), and to [`merge`](NdtTile::merge) what is unloaded of one tile later
+//! with what was before: a sensor that reaches beyond the radius begins tiles anew that are away.
 
 use super::gaussian::{VoxelParams, VoxelSums};
 use super::map::NdtMap;
@@ -62,6 +63,33 @@ impl NdtTile {
     pub const fn map(&self) -> &NdtMap {
         &self.map
     }
+
+    /// Adds the points of another part of the same tile, such as one that was unloaded later.
+    ///
+    /// # Errors
+    /// [`Error::MapMismatch`] for another tile, another edge or other voxels; this one is then as it was.
+    pub fn merge(&mut self, part: &Self) -> Result<(), Error> {
+        self.map.check_like(&part.map)?;
+        check_edges(self.tile_voxels, part.tile_voxels)?;
+        for (name, own, other) in
+            [("tiles along x", self.index[0], part.index[0]), ("tiles along y", self.index[1], part.index[1])]
+        {
+            if own != other {
+                return Err(Error::MapMismatch { name, left: own.into(), right: other.into() });
+            }
+        }
+        for (cell, sums) in part.map.voxels() {
+            self.map.merge_voxel(cell, sums);
+        }
+        Ok(())
+    }
+}
+
+fn check_edges(left: usize, right: usize) -> Result<(), Error> {
+    if left == right {
+        return Ok(());
+    }
+    Err(Error::MapMismatch { name: "voxels along a tile's edge", left: left as f64, right: right as f64 })
 }
 
 /// A map of normal distributions cut into tiles, of which some may be away.
@@ -226,10 +254,7 @@ impl NdtTiles {
     /// # Errors
     /// [`Error::MapMismatch`] for another edge or other voxels; the map is then as it was.
     pub fn merge_tile(&mut self, tile: &NdtTile) -> Result<(), Error> {
-        if tile.tile_voxels != self.tile_voxels {
-            let (left, right) = (self.tile_voxels as f64, tile.tile_voxels as f64);
-            return Err(Error::MapMismatch { name: "voxels along a tile's edge", left, right });
-        }
+        check_edges(self.tile_voxels, tile.tile_voxels)?;
         self.merge(&tile.map)
     }
 
@@ -241,18 +266,16 @@ impl NdtTiles {
         }
     }
 
-    /// Puts a tile away: who keeps it may [`load`](Self::load) it again. `None` if it is not here, or if a part of it is away already:
-    /// that is to be loaded first.
+    /// Puts a tile away: who keeps it may [`load`](Self::load) it again. `None` if it is not here.
+    ///
+    /// Of a tile that was away already and begun anew this is a further part, to be [merged](NdtTile::merge) with the one that is kept.
     pub fn unload(&mut self, index: [i32; 2]) -> Option<NdtTile> {
-        if self.away.contains(&index) {
-            return None;
-        }
         let map = self.loaded.remove(&index)?;
         self.away.insert(index);
         Some(NdtTile { index, tile_voxels: self.tile_voxels, map })
     }
 
-    /// Takes back a tile that is away; points that were added at its place since then are kept.
+    /// Takes back a tile that is away, with all its parts in one; points that were added at its place since then are kept.
     ///
     /// # Errors
     /// [`Error::TileNotAway`] for a tile that would count twice, and as [`merge_tile`](Self::merge_tile); the map is then as it was.
@@ -266,7 +289,8 @@ impl NdtTiles {
         Ok(())
     }
 
-    /// Puts away all tiles that are farther than `radius` metres from a place. Tiles of which a part is away already stay.
+    /// Puts away all tiles that are farther than `radius` metres from a place, and further parts as [`unload`](Self::unload) does: no
+    /// more is here then than what is around that place.
     pub fn unload_beyond(&mut self, center: &Vector2<f64>, radius: f64) -> Vec<NdtTile> {
         let far = |index: &[i32; 2]| !self.is_within(*index, center, radius);
         let beyond: Vec<_> = self.loaded.keys().copied().filter(far).collect();
@@ -401,6 +425,31 @@ mod tests {
         assert!(a.points().any(|p| (p.x - 7.7).abs() < 0.02), "the far wall is where it is");
     }
 
+    /// Along a way, with a lidar that reaches farther than what is kept: no more is here than what is around, and no point is lost.
+    #[test]
+    fn what_is_here_stays_bounded() {
+        let (mut tiles, mut whole) = (tiles(4), NdtMap::new(VoxelParams::default()).unwrap());
+        let mut shelf: BTreeMap<[i32; 2], NdtTile> = BTreeMap::new();
+        let seen: Vec<_> = (0..120).map(|i| Vector3::new((i - 60) as f32, 2.0 * (i as f32).sin(), 1.0)).collect();
+        for i in 0..100 {
+            let x = 5.0 * f64::from(i);
+            let pose = Se3::from(Se2::new(x, 0.0, 0.0));
+            tiles.insert(seen.as_slice(), &pose);
+            whole.insert(seen.as_slice(), &pose);
+            for tile in tiles.unload_beyond(&Vector2::new(x, 0.0), 20.0) {
+                match shelf.get_mut(&tile.index()) {
+                    Some(kept) => kept.merge(&tile).unwrap(),
+                    None => assert_eq!(shelf.insert(tile.index(), tile), None),
+                }
+            }
+            assert!(tiles.loaded().count() <= 2 * (2 + (40.0 / tiles.tile_edge()) as usize), "after {i}");
+        }
+        for tile in shelf.values() {
+            tiles.load(tile).unwrap();
+        }
+        assert_eq!((tiles.assembled(), tiles.away().count()), (whole, 0));
+    }
+
     #[test]
     fn no_tile_counts_twice() {
         let mut tiles = tiles(8);
@@ -410,7 +459,19 @@ mod tests {
         let tile = tiles.unload([0, 0]).unwrap();
         assert_eq!(tiles.away().collect::<Vec<_>>(), [[0, 0]]);
         tiles.insert(&room(1), &Se3::default());
-        assert_eq!(tiles.unload([0, 0]), None, "a part of it is away");
+        let mut both = tiles.unload([0, 0]).unwrap();
+        assert_eq!((&both, tiles.unload([0, 0])), (&tile, None), "a further part of the same points");
+        both.merge(&tile).unwrap();
+        tiles.load(&both).unwrap();
+        let mut twice = before.clone();
+        twice.merge_tile(&tile).unwrap();
+        assert!(
+            tiles.loaded().find(|(index, _)| *index == [0, 0]) == twice.loaded().find(|(index, _)| *index == [0, 0])
+        );
+        tiles = before.clone();
+        let other = tiles.loaded().map(|(index, _)| index).find(|index| *index != [0, 0]).unwrap();
+        let kept = both.clone();
+        assert!(matches!(both.merge(&tiles.unload(other).unwrap()), Err(Error::MapMismatch { .. })) && both == kept);
         tiles = before.clone();
         tiles.unload([0, 0]).unwrap();
         tiles.load(&tile).unwrap();

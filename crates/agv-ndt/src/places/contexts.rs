@@ -128,8 +128,8 @@ impl ScanContexts {
     /// How much a place looks like `query`; a distance of 1 for a place that is not there.
     pub fn compare(&self, query: &ScanContext, place: usize) -> PlaceMatch {
         let (column, sectors) = (self.params.column(), self.params.sectors);
-        let keys = self.sector_keys.get(place * sectors..(place + 1) * sectors);
-        let columns = self.columns.get(place * sectors * column..(place + 1) * sectors * column);
+        let keys = self.sector_keys.chunks_exact(sectors).nth(place);
+        let columns = self.columns.chunks_exact(sectors * column).nth(place);
         let mut best = PlaceMatch { place, distance: 1.0, yaw: 0.0 };
         let (Some(keys), Some(columns)) = (keys, columns) else { return best };
         if query.sector_key.len() != sectors || query.columns.len() != columns.len() {
@@ -328,7 +328,9 @@ mod tests {
         assert!(found.is_empty());
         places.find_into(&pillar, |place| place != 1, &mut found);
         assert!(found.iter().all(|place| place.distance == 1.0), "{found:?}");
-        assert_eq!(places.compare(&pillar, 99).distance, 1.0);
+        for absent in [3, 99, usize::MAX / 1200, usize::MAX] {
+            assert_eq!(places.compare(&pillar, absent).distance, 1.0);
+        }
         assert_eq!(places.compare(&ScanContext::default(), 1).distance, 1.0);
     }
 }
