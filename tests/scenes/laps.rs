@@ -13,7 +13,8 @@ use agv_nav::pipeline::mapping::KeyFrameMap;
 use agv_sim::{Factory, FactoryParams, Lidar, LidarParams};
 use rand::RngExt;
 
-/// A drive with a cloud for every metre; the stamp of a cloud is its number, in seconds.
+/// A drive with a cloud for every metre; the stamp of a cloud is its number, in seconds. Each is taken while the vehicle goes on as it
+/// came, from the place before: at corners in an arc.
 pub(crate) struct Laps {
     pub(crate) clouds: Vec<PointCloud>,
     pub(crate) truth: Vec<Se3>,
@@ -69,8 +70,13 @@ impl Laps {
             for step in 0..steps as u32 {
                 let at = pair[0] + stretch * (f64::from(step) / steps);
                 let truth = Se2::new(at.x, at.y, stretch.y.atan2(stretch.x));
-                let mut odometry = Se3::identity();
+                let (mut odometry, mut twist) = (Se3::identity(), Twist3::default());
                 if let (Some(last), Some(before)) = (laps.truth.last(), laps.odometry.last()) {
+                    let tangent = last.between(&truth.into()).log();
+                    twist = Twist3 {
+                        linear: tangent.fixed_rows::<3>(0).into(),
+                        angular: tangent.fixed_rows::<3>(3).into(),
+                    };
                     let motion = last.to_planar().between(&truth);
                     let (length, noise) = (motion.translation().norm(), 0.002 * (2.0 * stream.random::<f64>() - 1.0));
                     let yaw = motion.yaw() + heading * length + noise;
@@ -78,7 +84,7 @@ impl Laps {
                         before.compose(&Se2::new(motion.x() * (1.0 + scale), motion.y() * (1.0 + scale), yaw).into());
                 }
                 let stamp = Stamp::from_seconds(laps.truth.len() as f64);
-                let cloud = lidar.scan(factory.world(), &truth.into(), &Twist3::default(), stamp).unwrap();
+                let cloud = lidar.scan(factory.world(), &truth.into(), &twist, stamp).unwrap();
                 laps.clouds.push(cloud.clone());
                 laps.truth.push(truth.into());
                 laps.odometry.push(odometry);
@@ -98,14 +104,15 @@ impl Laps {
         (errors.iter().copied().fold(0.0, f64::max), errors[errors.len() - 1])
     }
 
-    /// Closures whose two key frames are elsewhere, by more than half a metre.
+    /// Closures whose two key frames are elsewhere, by more than half a metre or five degrees.
     pub(crate) fn false_closures(&self, map: &KeyFrameMap) -> usize {
         let keys: Vec<usize> =
             map.key_frames().map(|(key, _)| key.cloud().stamp().seconds().round() as usize).collect();
         let closures = map.relations().iter().filter(|relation| relation.to.0 > relation.from.0 + 1);
         let is_false = |relation: &&agv_nav::filters::graph::Relation<Se3>| {
             let between = self.truth[keys[relation.from.index()]].between(&self.truth[keys[relation.to.index()]]);
-            between.between(&relation.from_from_to).translation().norm() > 0.5
+            let off = between.between(&relation.from_from_to);
+            off.translation().norm() > 0.5 || off.rotation().log().norm() > 5_f64.to_radians()
         };
         closures.filter(is_false).count()
     }

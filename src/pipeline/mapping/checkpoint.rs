@@ -35,11 +35,12 @@ impl TryFrom<RawMap> for KeyFrameMap {
             check::in_range(name, f64::from(key), 0.0, count.max(1) as f64 - 1.0).map(|_| ())
         };
         raw.trajectory.iter().try_for_each(|place| is_there("key frame of a cloud", place.key))?;
-        for Closure { from, to, from_from_to, information, .. } in &raw.pending {
+        for Closure { from, to, from_from_to, information, unobserved, .. } in &raw.pending {
             is_there("key frame of a find", *from)?;
             is_there("key frame of a find", *to)?;
             check::all_finite("pose of a find", from_from_to.translation().iter())?;
             check::covariance("information", information)?;
+            check::all_finite("unobserved", unobserved.iter())?;
         }
         for (from, to) in &raw.closed {
             is_there("key frame of a closure", *from)?;

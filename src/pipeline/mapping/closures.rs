@@ -4,7 +4,7 @@ use super::{KeyFrameMap, KeyFrameParams, candidates::Candidate, drift::variances
 use crate::Error;
 use agv_core::{
     geometry::{LieGroup, PoseSigma, Se3, observed_information},
-    nalgebra::Matrix6,
+    nalgebra::{Matrix6, Vector6},
     roles::{Alignment, Registration},
     sensors::PointCloud,
     solve::RobustKernel,
@@ -20,6 +20,8 @@ pub(super) struct Closure {
     pub(super) from_from_to: Se3,
     pub(super) information: Matrix6<f64>,
     pub(super) inlier_ratio: f64,
+    /// Projector onto directions that it leaves open, in the frame of `to`.
+    pub(super) unobserved: Matrix6<f64>,
 }
 
 /// How closures count: their residual's square up to so many standard deviations, and linearly beyond.
@@ -49,7 +51,8 @@ pub(super) fn verify<R: Registration>(
     let loops = &map.params.loops;
     let (poses, anchor) = (map.graph.poses(), candidate.anchor);
     let last = map.keys.len().saturating_sub(1);
-    let around = anchor.saturating_sub(loops.neighbours)..(anchor + loops.neighbours + 1).min(last);
+    let around =
+        anchor.saturating_sub(loops.neighbours)..anchor.saturating_add(loops.neighbours).saturating_add(1).min(last);
     target.clear();
     // What was seen just now is no place from before.
     let is_old = |index: &usize| map.keys[last].way - map.keys[*index].way >= loops.min_way;
@@ -83,7 +86,8 @@ fn closure(found: &Alignment<Se3>, from: usize, to: usize, params: &KeyFramePara
     let information = observed_information::<Se3>(&information, &found.unobserved) + found.unobserved * NEXT_TO_NONE;
     Se3::check_covariance("information", &information).ok()?;
     let (from, to, inlier_ratio) = (from as u32, to as u32, found.inlier_ratio);
-    Some(Closure { from, to, from_from_to: found.target_from_source, information, inlier_ratio })
+    let (from_from_to, unobserved) = (found.target_from_source, found.unobserved);
+    Some(Closure { from, to, from_from_to, information, inlier_ratio, unobserved })
 }
 
 /// Where the last key frame would be if a find were right.
@@ -98,22 +102,50 @@ fn agree(a: &Se3, b: &Se3, limit: PoseSigma) -> bool {
     off.translation().norm() <= limit.translation && off.rotation().log().norm() <= limit.rotation
 }
 
+impl Closure {
+    /// Whether it leaves no direction open: along one, a find is where it was sought, and says nothing.
+    pub(super) fn is_whole(&self) -> bool {
+        self.unobserved.trace() < 0.5
+    }
+
+    /// A tangent in the frame of the last key frame without what the find leaves open of it.
+    fn seen_of(&self, tangent: &Vector6<f64>, poses: &[Se3]) -> Vector6<f64> {
+        let mut turn = Matrix6::identity();
+        if let Some((to, here)) = poses.get(self.to as usize).zip(poses.last()) {
+            let rotation = to.between(here).rotation();
+            turn.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation.matrix());
+            turn.fixed_view_mut::<3, 3>(3, 3).copy_from(&rotation.matrix());
+        }
+        tangent - turn.transpose() * (self.unobserved * (turn * tangent))
+    }
+
+    /// Whether two finds claim the same place, as far as both can tell.
+    fn agrees_with(&self, other: &Self, poses: &[Se3], limit: PoseSigma) -> bool {
+        claimed(self, poses).zip(claimed(other, poses)).is_some_and(|(a, b)| {
+            let off = other.seen_of(&self.seen_of(&a.between(&b).log(), poses), poses);
+            off.fixed_rows::<3>(0).norm() <= limit.translation && off.fixed_rows::<3>(3).norm() <= limit.rotation
+        })
+    }
+}
+
 impl KeyFrameMap {
     /// Whether the last key frame was found where the graph expects it, so that no other place need be looked at.
     pub(super) fn is_expected(&self, closure: &Closure) -> bool {
         let poses = self.graph.poses();
         let claim = claimed(closure, poses);
-        claim.zip(poses.last()).is_some_and(|(claim, here)| agree(&claim, here, self.params.loops.agreement))
+        let agreement = self.params.loops.agreement;
+        closure.is_whole() && claim.zip(poses.last()).is_some_and(|(claim, here)| agree(&claim, here, agreement))
     }
 
     /// Of finds of the last key frame the one that no other contradicts; none where two places explain it about as well.
     pub(super) fn unambiguous(&self, found: &[Closure]) -> Option<Closure> {
         let (loops, poses) = (&self.params.loops, self.graph.poses());
         let best = found.iter().max_by(|a, b| a.inlier_ratio.total_cmp(&b.inlier_ratio))?;
-        let claim = claimed(best, poses)?;
+        // One that leaves nothing open says more than one that does.
+        let whole = found.iter().filter(|other| other.is_whole() && best.agrees_with(other, poses, loops.agreement));
+        let best = whole.max_by(|a, b| a.inlier_ratio.total_cmp(&b.inlier_ratio)).unwrap_or(best);
         let rivals = |other: &&Closure| {
-            claimed(other, poses).is_none_or(|other| !agree(&claim, &other, loops.agreement))
-                && best.inlier_ratio - other.inlier_ratio < loops.margin
+            !best.agrees_with(other, poses, loops.agreement) && best.inlier_ratio - other.inlier_ratio < loops.margin
         };
         found.iter().all(|other| !rivals(&other)).then_some(*best)
     }
@@ -141,7 +173,10 @@ impl KeyFrameMap {
             return vec![*closure];
         }
         let seconds = |other: &Closure| {
-            other.to != closure.to && claimed(other, poses).is_some_and(|other| agree(&claim, &other, loops.agreement))
+            // What is open seconds nothing that is whole.
+            other.to != closure.to
+                && other.is_whole() == closure.is_whole()
+                && closure.agrees_with(other, poses, loops.agreement)
         };
         if self.pending.iter().filter(|other| seconds(other)).count() + 1 < loops.confirmations {
             self.pending.push(*closure);

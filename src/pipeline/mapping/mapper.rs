@@ -29,7 +29,7 @@ pub struct KeyFrameStep {
     pub key: Option<usize>,
     /// Loop closures that were believed with it.
     pub closures: usize,
-    /// Whether the poses of the map were corrected, as they are after each closure.
+    /// Whether the poses of the map were corrected, as they are after each closure, and may be with a find that waits for others.
     pub corrected: bool,
 }
 
@@ -216,6 +216,12 @@ impl<R: Registration> KeyFrameMapper<R> {
             let from = PoseId(to.0 - 1);
             map.graph.add_relation(Relation::new(from, to, *key_from_base.mean(), information))?;
         }
+        if previous.is_none() {
+            // Places before this one were told from the origin, which this key frame is not.
+            for place in &mut map.trajectory {
+                place.key_from_base = here.between(&place.key_from_base);
+            }
+        }
         map.keys.push(KeyFrame { way: map.way, ..key });
         map.places.push(&self.scratch.context);
         let exact = UncertainPose::exact(Se3::identity());
@@ -240,17 +246,17 @@ impl<R: Registration> KeyFrameMapper<R> {
             }
         }
         let Some(closure) = map.unambiguous(&found) else { return Ok(None) };
-        if !map.explains(&mut self.solver, &closure)? {
-            return Ok(None);
+        let before = map.graph.poses().to_vec();
+        let explained = map.explains(&mut self.solver, &closure)?;
+        let believed = if explained { map.believed(&closure) } else { Vec::new() };
+        if believed.is_empty() {
+            // To explain it the graph was solved, which may have gone on where the last solution stopped.
+            return Ok((map.graph.poses() != before).then_some(0));
         }
-        let believed = map.believed(&closure);
         for Closure { from, to, from_from_to, information, .. } in &believed {
             let relation = Relation::new(PoseId(*from), PoseId(*to), *from_from_to, *information);
             map.graph.add_relation(relation.with_kernel(KERNEL))?;
             map.closed.insert((*from, *to));
-        }
-        if believed.is_empty() {
-            return Ok(None);
         }
         let pairs: Vec<_> = believed.iter().map(|closure| (closure.from, closure.to)).collect();
         self.solve().inspect_err(|_| {
@@ -262,7 +268,9 @@ impl<R: Registration> KeyFrameMapper<R> {
             closed.retain(|pair| !pairs.contains(pair));
         })?;
         let kept = pairs.iter().filter(|pair| self.map.closed.contains(pair)).count();
-        if kept > 0 {
+        // Along what a find leaves open it says nothing.
+        let is_kept = |closure: &Closure| self.map.closed.contains(&(closure.from, closure.to));
+        if believed.iter().any(|closure| closure.is_whole() && is_kept(closure)) {
             self.map.doubt = 0.0;
         }
         Ok(Some(kept))

@@ -19,8 +19,8 @@ pub struct LidarDrift {
 }
 
 impl Default for LidarDrift {
-    /// Some centimetres and a degree after ten metres, as published lidar odometries drift (about half a per cent of the way); a third of the way
-    /// where a corridor hides it.
+    /// Six centimetres and half a degree after ten metres, as published lidar odometries drift (about half a per cent of the way); where a
+    /// corridor hides it, 0.3 m after the first metre and with the root of the way.
     fn default() -> Self {
         Self {
             per_metre: PoseSigma { translation: 0.02, rotation: 0.003 },
@@ -41,6 +41,9 @@ impl LidarDrift {
     }
 }
 
+/// Most neighbours and candidates: what one key frame may cost.
+const MOST: f64 = 100.0;
+
 /// How loops are sought, and what makes one.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -53,11 +56,11 @@ pub struct LoopParams {
     pub growth: f64,
     /// How far it is sought at most, in metres.
     pub window: f64,
-    /// Key frames to either side of the one that is looked from, whose clouds make the target.
+    /// Key frames to either side of the one that is looked from, whose clouds make the target; at most 100.
     pub neighbours: usize,
-    /// Groups of key frames around the expected place that are tried.
+    /// Groups of key frames around the expected place that are tried; at most 100.
     pub candidates: usize,
-    /// Places that look alike which are tried if that finds nothing.
+    /// Places that look alike which are tried if that finds nothing; at most 100.
     pub look_alikes: usize,
     /// Greatest distance of their descriptors, from 0 to 1.
     pub max_distance: f64,
@@ -107,6 +110,11 @@ impl LoopParams {
         check::in_range("max_distance", self.max_distance, 0.0, 1.0)?;
         check::in_range("min_inlier_ratio", self.min_inlier_ratio, 0.0, 1.0)?;
         check::in_range("margin", self.margin, 0.0, 1.0)?;
+        for (name, count) in
+            [("neighbours", self.neighbours), ("candidates", self.candidates), ("look_alikes", self.look_alikes)]
+        {
+            check::in_range(name, count as f64, 0.0, MOST)?;
+        }
         check::at_least("confirmations", self.confirmations, 1)?;
         self.agreement.checked()?;
         check::positive("gate", self.gate)?;
@@ -135,7 +143,7 @@ pub struct KeyFrameParams {
     pub source_leaf: f64,
     /// Fewest points of a key frame.
     pub min_points: usize,
-    /// Most points that a key frame keeps: 12 bytes each.
+    /// Most points that a key frame keeps: 12 bytes each, and room for up to as many again.
     pub max_points: usize,
     /// How far odometry is believed.
     pub drift: LidarDrift,
@@ -147,7 +155,7 @@ pub struct KeyFrameParams {
 
 impl Default for KeyFrameParams {
     /// A key frame for every metre and every 20°, a point per decimetre for maps of normal distributions and one per quarter of a metre
-    /// to align; 240 kB a key frame at most.
+    /// to align; 400 kB a key frame at most.
     fn default() -> Self {
         Self {
             distance: 1.0,

@@ -3,8 +3,8 @@ use crate::Error;
 use agv_core::{
     geometry::{LieGroup, PoseSigma, Se2, Se3, So3},
     nalgebra::{Matrix6, Vector3, Vector6},
-    roles::{Alignment, LidarOdometryStep, Termination},
-    sensors::PointCloud,
+    roles::{Alignment, AlignmentError, LidarOdometryStep, Registration, Termination},
+    sensors::{PointCloud, PointSource},
     time::Stamp,
 };
 use agv_ndt::{
@@ -65,8 +65,11 @@ fn a_place_that_is_met_again_corrects_the_way() {
     for i in 0..20_i32 {
         let x = f64::from(if i < 10 { i } else { 18 - i }).max(0.0);
         let aside = 0.02 * f64::from(i);
+        let before: Vec<Se3> = mapper.map().key_frames().map(|(_, pose)| *pose).collect();
         let made = mapper.process(&step(Se2::new(x, aside, 0.0).into()), &seen(&start.compose(&at(x)), f64::from(i)));
         let made = made.unwrap();
+        let moved = mapper.map().key_frames().zip(&before).any(|((_, pose), before)| pose != before);
+        assert!(made.corrected || !moved, "poses of the map moved unsaid");
         closures += made.closures;
         last = Some(made);
     }
@@ -78,6 +81,88 @@ fn a_place_that_is_met_again_corrects_the_way() {
     let walls: Vec<_> = cloud.points().filter(|p| p.z > 0.5 && p.y < -2.8).collect();
     assert!(walls.len() > 300 && walls.iter().all(|p| (p.y + 3.0).abs() < 0.15), "one wall, not two");
     assert!(mapper.map().tiles(VoxelParams::default(), 8).unwrap().loaded().count() >= 4);
+}
+
+/// Of a lidar that is covered at first.
+#[test]
+fn the_way_before_the_first_key_frame_is_kept() {
+    let mut mapper = mapper(&KeyFrameParams::default());
+    for i in 0..5_i32 {
+        let x = f64::from(i);
+        let cloud = if i < 2 { PointCloud::default() } else { seen(&at(3.0 + x), x) };
+        let made = mapper.process(&step(at(x)), &cloud.with_stamp(Stamp::from_seconds(x))).unwrap();
+        assert_eq!(made.key.is_some(), i >= 2);
+    }
+    let poses: Vec<_> = mapper.map().trajectory().map(|(_, pose)| pose.translation().x).collect();
+    assert!(poses.iter().enumerate().all(|(i, x)| (x - i as f64).abs() < 1e-9), "{poses:?}");
+}
+
+/// Finds every cloud where it is sought, as a bare corridor does.
+struct Corridor;
+
+impl Registration for Corridor {
+    fn set_target(&mut self, _: &dyn PointSource) -> Result<(), AlignmentError> {
+        Ok(())
+    }
+
+    fn align(&mut self, _: &dyn PointSource, guess: &Se3) -> Result<Alignment<Se3>, AlignmentError> {
+        let mut found = Alignment::unknown(*guess, Termination::Degenerate);
+        let axis = Vector6::new(1.0, 0.0, 0.0, 0.0, 0.0, 0.0);
+        found.unobserved = axis * axis.transpose();
+        found.information = (Matrix6::identity() - found.unobserved) * 1e4;
+        found.inlier_ratio = 1.0;
+        Ok(found)
+    }
+}
+
+/// To and fro: finds that leave the way open take no doubt about it, and do not contradict each other along it.
+#[test]
+fn a_corridor_closes_no_loop_along_itself() {
+    let params = KeyFrameParams { loops: LoopParams { min_way: 8.0, ..Default::default() }, ..Default::default() };
+    let mut mapper = KeyFrameMapper::new(Corridor, params).unwrap();
+    let mut closures = 0;
+    for i in 0..20_i32 {
+        let x = f64::from(if i < 10 { i } else { 18 - i }).max(0.0);
+        closures += mapper.process(&step(at(x)), &seen(&at(3.0 + x), f64::from(i))).unwrap().closures;
+    }
+    let map = mapper.map();
+    assert!(closures > 0 && map.doubt > 0.5, "{closures} {}", map.doubt);
+    let unobserved = Corridor.align(&PointCloud::default(), &Se3::identity()).unwrap().unobserved;
+    let to = map.keys.len() as u32 - 1;
+    let find = |x: f64, y: f64, unobserved: Matrix6<f64>, inlier_ratio: f64| closures::Closure {
+        from: 0,
+        to,
+        from_from_to: Se2::new(x, y, 0.0).into(),
+        information: Matrix6::identity(),
+        inlier_ratio,
+        unobserved,
+    };
+    let (along, aside) = (find(1.0, 0.0, unobserved, 0.9), find(0.0, 1.0, unobserved, 0.9));
+    let (open, whole) = (find(0.0, 0.0, unobserved, 0.95), find(3.0, 0.0, Matrix6::zeros(), 0.9));
+    assert_eq!(map.unambiguous(&[open, along]), Some(open));
+    assert_eq!(map.unambiguous(&[open, aside]), None);
+    assert_eq!(map.unambiguous(&[open, whole, along]), Some(whole));
+    assert!(!map.is_expected(&find(0.0, 0.0, unobserved, 0.9)));
+    assert!(map.is_expected(&closures::Closure { from_from_to: map.map_from_base(), ..whole }));
+}
+
+/// A wall that a sweep passes in a turn comes out flat.
+#[test]
+fn clouds_are_straightened_by_the_motion() {
+    let moved = |seconds: f64| Se3::exp(&(Vector6::new(1.0, 0.2, 0.0, 0.0, 0.0, 0.8) * seconds));
+    let mut mapper = mapper(&KeyFrameParams::default());
+    for seconds in [0.0, 1.0] {
+        let times: Vec<f32> = (0..400_u16).map(|i| f32::from(i) * 0.000_25).collect();
+        let points = (0..400_u16).map(|i| {
+            let at_the_wall = Vector3::new(10.0, f64::from(i) * 0.025 - 5.0, 1.0 + f64::from(i % 7) * 0.3);
+            moved(seconds + f64::from(i) * 0.000_25).inverse().act(&at_the_wall).cast::<f32>()
+        });
+        let cloud = PointCloud::from_points(points).with_time(times).unwrap();
+        mapper.process(&step(moved(seconds)), &cloud.with_stamp(Stamp::from_seconds(seconds))).unwrap();
+    }
+    let (key, pose) = mapper.map().key_frames().nth(1).unwrap();
+    let off = key.cloud().points().map(|p| (pose.act(&p.cast::<f64>()).x - 10.0).abs()).fold(0.0, f64::max);
+    assert!(key.cloud().len() > 100 && off < 0.01, "{off}");
 }
 
 /// Along a corridor that hides the way, odometry is believed less, and along it only.
@@ -157,6 +242,9 @@ fn bad_parameters_are_named() {
         loops(|loops| loops.max_distance = 1.1),
         loops(|loops| loops.min_inlier_ratio = -0.1),
         loops(|loops| loops.margin = f64::NAN),
+        loops(|loops| loops.neighbours = usize::MAX),
+        loops(|loops| loops.candidates = 101),
+        loops(|loops| loops.look_alikes = 101),
         loops(|loops| loops.confirmations = 0),
         loops(|loops| loops.agreement.rotation = 0.0),
         loops(|loops| loops.gate = 0.0),

@@ -218,10 +218,20 @@ impl<G: LieGroup> PoseGraph<G> {
 
     /// Numbers the poses that may move: those that are not held, and of each part without a prior or a held pose not the first.
     pub(crate) fn blocks_into(&self, blocks: &mut Vec<Option<u32>>) -> usize {
+        self.linked_blocks_into(std::iter::empty(), blocks)
+    }
+
+    /// The same where something beside relations links poses too.
+    pub(crate) fn linked_blocks_into(
+        &self,
+        links: impl Iterator<Item = (PoseId, PoseId)>,
+        blocks: &mut Vec<Option<u32>>,
+    ) -> usize {
         // Each pose's part, by its first pose.
         let mut first: Vec<u32> = (0..self.poses.len() as u32).collect();
-        for relation in &self.relations {
-            let (a, b) = (root(&mut first, relation.from.0), root(&mut first, relation.to.0));
+        let relations = self.relations.iter().map(|relation| (relation.from, relation.to));
+        for (from, to) in relations.chain(links) {
+            let (a, b) = (root(&mut first, from.0), root(&mut first, to.0));
             first[a.max(b) as usize] = a.min(b);
         }
         let mut anchored = vec![false; self.poses.len()];

@@ -41,6 +41,8 @@ pub(super) struct Associator {
     best: Vec<usize>,
     best_square: f64,
     work: usize,
+    /// Whether this group's first assignment stands.
+    dived: bool,
 }
 
 /// Square of an innovation and its cost; none if its covariance is not positive definite.
@@ -83,23 +85,23 @@ impl Associator {
         }
     }
 
-    /// Writes indices of the candidates that are compatible together; looks at `work` pairs at most. True if the tree was searched to the end.
-    pub(super) fn joint(&mut self, state: &SlamState, work: usize, pairs: &mut Vec<usize>) -> bool {
+    /// Writes indices of the candidates that are compatible together. Beside a first assignment, each sighting's cheapest that goes with those
+    /// before, it looks at `work` pairs at most, shared by the groups.
+    pub(super) fn joint(&mut self, state: &SlamState, work: usize, pairs: &mut Vec<usize>) {
         pairs.clear();
-        self.work = work;
-        let mut complete = true;
+        let sightings = self.sightings_left(0, self.candidates.len());
+        let share = work / sightings.div_ceil(MOST_JOINT).max(1);
         let mut first = 0;
         while first < self.candidates.len() {
             let end = self.group(first);
+            (self.work, self.dived) = (share, false);
             self.chosen.clear();
             self.best.clear();
             self.best_square = f64::INFINITY;
             self.descend(state, pairs, first, end, 0.0);
-            complete &= self.work > 0;
             pairs.extend_from_slice(&self.best);
             first = end;
         }
-        complete
     }
 
     /// End of the candidates of the sightings that are assigned together from one on.
@@ -133,13 +135,18 @@ impl Associator {
 
     /// Tries all that can become of the sighting whose candidates begin at `first`, and of those after it.
     fn descend(&mut self, state: &SlamState, taken: &[usize], first: usize, end: usize, square: f64) {
-        let most = self.chosen.len() + self.sightings_left(first, end);
+        // What is chosen is an assignment already, with the rest left out.
+        let (long, best) = (self.chosen.len(), self.best.len());
+        if long > best || (long == best && square < self.best_square) {
+            self.best.clone_from(&self.chosen);
+            self.best_square = square;
+        }
+        self.dived |= first == end;
+        let most = long + self.sightings_left(first, end);
         if most < self.best.len() || (most == self.best.len() && square >= self.best_square) {
             return;
         }
         if first == end {
-            self.best.clone_from(&self.chosen);
-            self.best_square = square;
             return;
         }
         let next = self.span(first, end);
@@ -149,10 +156,10 @@ impl Associator {
             if !(self.chosen.iter().all(is_other) && taken.iter().all(is_other)) {
                 continue;
             }
-            if self.work == 0 {
+            if self.work == 0 && self.dived {
                 return;
             }
-            self.work -= 1;
+            self.work = self.work.saturating_sub(1);
             let (rows, stored) = (self.whitened.len(), self.factor.len());
             if let Some(more) = self.extend(state, c)
                 && square + more <= self.limit(self.whitened.len())

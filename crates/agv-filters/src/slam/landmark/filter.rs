@@ -235,7 +235,8 @@ impl LandmarkSlam {
                     self.derived.associator.candidates.push(candidate);
                 }
             }
-            self.derived.associator.candidates[first..].sort_by(|a, b| a.cost.total_cmp(&b.cost));
+            self.derived.associator.candidates[first..]
+                .sort_unstable_by(|a, b| a.cost.total_cmp(&b.cost).then(a.index.cmp(&b.index)));
             if !near {
                 // Marked for `add_new`.
                 self.derived.outcomes[s] = SightingOutcome::Added(LandmarkKey(u32::MAX));
@@ -244,9 +245,7 @@ impl LandmarkSlam {
         let Derived { associator, pairs, matched, outcomes, .. } = &mut self.derived;
         match self.params.association {
             Association::Nearest => associator.nearest(pairs),
-            Association::Joint => {
-                associator.joint(&self.state, self.params.joint_work, pairs);
-            }
+            Association::Joint => associator.joint(&self.state, self.params.joint_work, pairs),
         }
         for &pair in pairs.iter() {
             let candidate = &associator.candidates[pair];

@@ -165,7 +165,7 @@ impl LandmarkGraphSlam {
         Ok(())
     }
 
-    /// Takes in what was seen at one time.
+    /// Takes in what was seen at one time. Without a motion since the last update it is taken in at the same pose.
     ///
     /// # Errors
     /// As [`LandmarkSlam::update`], and those of the solver; the graph is then as it was before it was to be corrected.
@@ -188,6 +188,10 @@ impl LandmarkGraphSlam {
             self.graph.add_tie(Tie { pose, landmark, sighting, kernel })?;
             seen.push(landmark);
         }
+        if let Some(before) = self.seen.get_mut(pose.index()) {
+            before.extend(seen);
+            return Ok(update);
+        }
         self.seen.push(seen);
         self.since += 1;
         if self.params.interval > 0 && self.since >= self.params.interval {
@@ -196,15 +200,21 @@ impl LandmarkGraphSlam {
         Ok(update)
     }
 
-    /// Another pose, tied by the motion since the last one.
+    /// Another pose, tied by the motion since the last one; without a motion the last one itself.
     fn next_pose(&mut self) -> Result<PoseId, Error> {
-        let pose = self.graph.add_pose(self.map_from_base())?;
-        if let (Some(last), Some(motion)) = (self.last, self.motion) {
-            let [way, turn] = self.params.least_sigmas.map(|sigma| sigma * sigma);
-            let covariance = motion.covariance + Matrix3::from_diagonal(&[way, way, turn].into());
-            if let Some(information) = Se2::inverse_of(&covariance) {
-                self.graph.add_relation(Relation::new(last, pose, motion.start_from_end, information))?;
+        let tied = match (self.last, self.motion) {
+            (Some(last), None) => return Ok(last),
+            (Some(last), Some(motion)) => {
+                let [way, turn] = self.params.least_sigmas.map(|sigma| sigma * sigma);
+                let covariance = motion.covariance + Matrix3::from_diagonal(&[way, way, turn].into());
+                let singular = Error::NotFinite { name: "covariance of the motion", value: f64::NAN };
+                Some((last, motion.start_from_end, Se2::inverse_of(&covariance).ok_or(singular)?))
             }
+            (None, _) => None,
+        };
+        let pose = self.graph.add_pose(self.map_from_base())?;
+        if let Some((last, start_from_end, information)) = tied {
+            self.graph.add_relation(Relation::new(last, pose, start_from_end, information))?;
         }
         self.last = Some(pose);
         self.motion = None;
@@ -221,20 +231,22 @@ impl LandmarkGraphSlam {
         self.solver.optimize(&mut self.graph)
     }
 
-    /// Corrects the graph, and makes landmarks one that are one, until none are left; how many those were.
+    /// Corrects the graph, and makes landmarks one that are one, until none are left; how many those were. Two are if neither could be
+    /// a third, and if the corrected graph bears it: twice the rise of its cost is within the chi-square of the pairs.
     ///
     /// # Errors
     /// Those of [`optimize`](Self::optimize).
     pub fn finish(&mut self) -> Result<usize, Error> {
-        let mut merged = 0;
+        let (mut merged, mut refused, mut most) = (0, BTreeSet::new(), usize::MAX);
+        let mut cost = self.optimize()?.cost;
         loop {
-            self.optimize()?;
-            let pairs = self.twins()?;
+            let mut pairs = self.twins(&refused)?;
+            pairs.truncate(most);
             if pairs.is_empty() {
                 return Ok(merged);
             }
-            merged += pairs.len();
-            for (one, into) in pairs {
+            let before = (self.graph.clone(), self.of_key.clone(), self.seen.clone());
+            for &(one, into) in &pairs {
                 self.graph.merge(one, into)?;
                 self.of_key.values_mut().filter(|landmark| **landmark == one).for_each(|landmark| *landmark = into);
                 self.seen
@@ -243,11 +255,26 @@ impl LandmarkGraphSlam {
                     .filter(|landmark| **landmark == one)
                     .for_each(|landmark| *landmark = into);
             }
+            let limit = chi_square_quantile(2.0 * pairs.len() as f64, self.params.merge_probability)?;
+            let with = self.optimize()?.cost;
+            if 2.0 * (with - cost) <= limit {
+                (merged, cost) = (merged + pairs.len(), with);
+                continue;
+            }
+            (self.graph, self.of_key, self.seen) = before;
+            cost = self.optimize()?.cost;
+            // All at once, or one by one.
+            if pairs.len() == 1 {
+                refused.extend(pairs);
+            }
+            most = 1;
         }
     }
 
-    /// Pairs of landmarks that may be one, the nearest first, each landmark in one pair at most.
-    fn twins(&mut self) -> Result<Vec<(GraphLandmark, GraphLandmark)>, Error> {
+    /// Pairs of landmarks that may be one, neither of which may be another, but for those that were refused; the nearest first.
+    fn twins(&mut self, refused: &BTreeSet<Twins>) -> Result<Vec<Twins>, Error> {
+        let novelty = self.params.front.novelty_probability.max(self.params.merge_probability);
+        let possible = chi_square_quantile(2.0, novelty)?;
         let limit = chi_square_quantile(2.0, self.params.merge_probability)?;
         let mut together = BTreeSet::new();
         for seen in &self.seen {
@@ -262,29 +289,32 @@ impl LandmarkGraphSlam {
             for &other in &landmarks[..i] {
                 let way = self.graph.landmarks()[other.index()] - self.graph.landmarks()[one.index()];
                 // Beyond what even landmarks without correlation could be apart.
-                if together.contains(&(other, one)) || way.norm_squared() > 16.0 * limit * (own.trace() + 1e-2) {
+                if together.contains(&(other, one)) || way.norm_squared() > 16.0 * possible * (own.trace() + 1e-2) {
                     continue;
                 }
                 let Some(covariance) = self.solver.relative_covariance(one, other) else { continue };
                 let Some(inverse) = covariance.try_inverse() else { continue };
                 let square = way.dot(&(inverse * way));
-                if square <= limit {
+                if square <= possible {
                     found.push((square, one, other));
                 }
             }
         }
         found.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let mut taken = BTreeSet::new();
-        let free = |(_, one, other): &(f64, GraphLandmark, GraphLandmark)| {
-            let free = !taken.contains(one) && !taken.contains(other);
-            if free {
-                taken.extend([*one, *other]);
-            }
-            free
+        let mut partners = vec![0; self.graph.landmarks().len()];
+        for side in found.iter().flat_map(|(_, one, other)| [one, other]) {
+            partners[side.index()] += 1;
+        }
+        let only = |(square, one, other): &(f64, GraphLandmark, GraphLandmark)| {
+            *square <= limit && partners[one.index()] == 1 && partners[other.index()] == 1
         };
-        Ok(found.into_iter().filter(free).map(|(_, one, other)| (one, other)).collect())
+        let pairs = found.into_iter().filter(only).map(|(_, one, other)| (one, other));
+        Ok(pairs.filter(|pair| !refused.contains(pair)).collect())
     }
 }
+
+/// Two landmarks that may be one.
+type Twins = (GraphLandmark, GraphLandmark);
 
 /// Where a landmark lies that the filter added, as seen from the graph's pose; by the filter if a sighting does not tell.
 fn first_guess(

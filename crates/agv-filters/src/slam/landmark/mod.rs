@@ -41,3 +41,5 @@ pub use solver::LandmarkGraphSolver;
 
 #[cfg(test)]
 mod tests;
+#[cfg(test)]
+mod tests_hard;

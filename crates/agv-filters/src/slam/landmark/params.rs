@@ -92,7 +92,7 @@ pub struct RangeStart {
     pub least: usize,
     /// Most ranges that are kept; then every other one goes, and the spacing doubles.
     pub most: usize,
-    /// By how much more likely the place is to be than the best one elsewhere, as half a logarithm: a difference of squared residuals.
+    /// By how much more likely the place is to be than the best one elsewhere, as twice a logarithm: a difference of squared residuals.
     pub lead: f64,
     /// Largest deviation of the place, as a share of its distance.
     pub certainty: f64,
@@ -128,7 +128,7 @@ pub struct LandmarkSlamParams {
     pub view: Option<SensorView>,
     /// Start of landmarks of which only ranges are measured.
     pub range_start: RangeStart,
-    /// Most pairs that a joint association looks at for one update, at least 32; the best found by then is taken.
+    /// Most pairs that a joint association looks at for one update beside its first try, at least 32; the best found by then is taken.
     pub joint_work: usize,
     /// Most landmarks; further ones are not added.
     pub most_landmarks: usize,

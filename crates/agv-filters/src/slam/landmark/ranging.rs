@@ -115,12 +115,13 @@ impl Waiting {
         let place = state.points[index].place;
         let stretch = 1.0 + state.scale;
         let scale_variance = state.covariance.get(SCALE, SCALE);
-        let constraint = |kept: &KeptRange| {
+        let constraint = |(kept, (_, _, variance)): (&KeptRange, &Ranged)| {
             let anchor = state.index_of(kept.anchor)?;
             let way = place - state.points[anchor].place;
             let distance = way.norm();
             let residual = kept.range - stretch * distance;
-            let spread = kept.variance + scale_variance * distance * distance;
+            // With what the anchors may be off beside each other.
+            let spread = variance + scale_variance * distance * distance;
             if !(distance > 0.0 && residual * residual <= OUTLIER * OUTLIER * spread) {
                 return None;
             }
@@ -135,7 +136,8 @@ impl Waiting {
                 noise: Matrix2::new(kept.variance, 0.0, 0.0, 1.0),
             })
         };
-        self.ranges.iter().filter_map(constraint).collect()
+        let ranged = self.ranged(state).unwrap_or_default();
+        self.ranges.iter().zip(&ranged).filter_map(constraint).collect()
     }
 }
 

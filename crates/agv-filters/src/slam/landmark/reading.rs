@@ -1,7 +1,7 @@
 //! What a sensor says of a landmark, and what it ought to say.
 //!
 //! A landmark at `l` lies at `q = base_from_sensor⁻¹ (X⁻¹ l)` in the frame of a sensor on a vehicle at `X`. Read is its place `q`, its
-//! distance and direction, or one of the two:
+//! distance and direction, or its distance alone:
 //!
 //! ```text
 //! range  (1 + s) |q|          bearing  atan2(q_y, q_x)          s: scale of the ranges
@@ -49,7 +49,7 @@ impl From<&LandmarkObservation> for LandmarkSighting {
     }
 }
 
-/// A reading beside what is expected of it: `residual ≈ by_sensor δq + by_scale δs + noise`, in the first `rows` rows.
+/// A reading beside what is expected of it: `residual ≈ by_seen δq + by_scale δs + noise`, in the first `rows` rows.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Expected {
     pub(super) rows: usize,

@@ -46,7 +46,10 @@ impl LandmarkGraphSolver {
     /// [`Error::NotFinite`] for a graph so far off that residuals overflow, [`Error::TooMany`] for one that memory has no room for. The
     /// graph is then as it was.
     pub fn optimize(&mut self, graph: &mut LandmarkGraph) -> Result<LeastSquaresReport, Error> {
-        let free_poses = graph.poses.blocks_into(&mut self.pose_blocks);
+        // Poses that see one landmark belong together as those do that a relation ties.
+        let mut first_pose = vec![None; graph.landmarks.len()];
+        let links = graph.ties.iter().map(|tie| (*first_pose[tie.landmark.index()].get_or_insert(tie.pose), tie.pose));
+        let free_poses = graph.poses.linked_blocks_into(links, &mut self.pose_blocks);
         let small = graph.landmark_blocks_into(free_poses, &mut self.landmark_blocks);
         self.layout = Layout { size: Se2::DOF, large: free_poses, small_size: 2, small };
         let (poses, landmarks) = (&self.pose_blocks, &self.landmark_blocks);
