@@ -14,17 +14,17 @@
 
 use super::{
     CorrelativeParams,
-    correlative::held,
     refine::{score_at, sum_up},
-    target::{Squares, Target, end_points, thin_into},
+    target::{Target, ThinnedScan, end_points},
+    verdict::{End, verdict},
 };
 use agv_core::{
     Error, check,
-    geometry::{LieGroup, PoseSigma, Se2, unobserved_directions},
+    geometry::{LieGroup, PoseSigma, Se2},
     roles::{Alignment, AlignmentError, ScanMatcher, TargetScan, Termination},
     sensors::LaserScan,
 };
-use nalgebra::{Vector2, Vector3};
+use nalgebra::Vector3;
 
 /// Parameters of a [`ClimbingMatcher`].
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -131,8 +131,7 @@ pub struct ClimbingMatcher {
     params: ClimbingMatcherParams,
     lines: CorrelativeParams,
     target: Option<Target>,
-    squares: Squares,
-    points: Vec<Vector2<f64>>,
+    scan: ThinnedScan,
 }
 
 impl ClimbingMatcher {
@@ -142,7 +141,7 @@ impl ClimbingMatcher {
     /// As [`ClimbingMatcherParams::validate`].
     pub fn new(params: ClimbingMatcherParams) -> Result<Self, Error> {
         params.validate()?;
-        Ok(Self { params, lines: params.lines(), target: None, squares: Vec::new(), points: Vec::new() })
+        Ok(Self { params, lines: params.lines(), target: None, scan: ThinnedScan::default() })
     }
 
     /// Its parameters.
@@ -150,29 +149,17 @@ impl ClimbingMatcher {
         &self.params
     }
 
-    fn align(&self, points: &[Vector2<f64>], guess: &Se2) -> Result<Alignment<Se2>, AlignmentError> {
+    fn align(&self, guess: &Se2) -> Result<Alignment<Se2>, AlignmentError> {
         let Some(target) = &self.target else { return Err(AlignmentError::NoTarget) };
-        let mut result = Alignment::unknown(*guess, Termination::TooFewPoints);
+        let points = &self.scan.points;
         if points.len() < self.params.min_points {
-            return Ok(result);
+            return Ok(Alignment::unknown(*guess, Termination::TooFewPoints));
         }
         let score = |pose: &Se2| score_at(target, points, pose, &self.lines);
-        let (pose, ended, tried) = climb(guess, &self.params, score);
+        let (pose, termination, iterations) = climb(guess, &self.params, score);
         let sums = sum_up(target, points, &pose, &self.lines);
-        result.iterations = tried;
-        result.score = sums.score / points.len() as f64;
-        result.inlier_ratio = sums.inliers as f64 / points.len() as f64;
-        if sums.inliers < self.params.min_points
-            || result.inlier_ratio < self.params.min_inlier_ratio
-            || !pose.is_finite()
-        {
-            return Ok(result);
-        }
-        result.termination = ended;
-        result.information = sums.information(points, &self.lines);
-        result.unobserved = unobserved_directions::<Se2>(&result.information, self.params.observable)?;
-        result.target_from_source = held(&pose, guess, &result.unobserved);
-        Ok(result)
+        let end = End { pose, termination, iterations, score: sums.score, inliers: sums.inliers };
+        Ok(verdict(&end, &sums, points, guess, &self.lines)?)
     }
 }
 
@@ -214,10 +201,7 @@ impl ScanMatcher for ClimbingMatcher {
     /// Allocates nothing once a scan of as many beams was matched.
     fn match_scan(&mut self, scan: &LaserScan, guess: &Se2) -> Result<Alignment<Se2>, AlignmentError> {
         check::all_finite("guess", &[guess.x(), guess.y(), guess.yaw()])?;
-        let mut points = std::mem::take(&mut self.points);
-        thin_into(scan.points_in_base(), self.params.resolution, &mut self.squares, &mut points);
-        let found = self.align(&points, guess);
-        self.points = points;
-        found
+        self.scan.refill(scan, self.params.resolution);
+        self.align(guess)
     }
 }

@@ -5,6 +5,7 @@ use super::{
     refine::refine,
     search::{Scratch, search},
     target::{Squares, Target, end_points, thin_into},
+    verdict::held,
 };
 use agv_core::{
     Error, check,
@@ -13,7 +14,7 @@ use agv_core::{
     roles::{Alignment, AlignmentError, ScanMatcher, TargetScan, Termination},
     sensors::LaserScan,
 };
-use nalgebra::{Matrix3, Vector2};
+use nalgebra::Vector2;
 
 /// Matches scans by an exhaustive search of a window of poses and a refinement; see the [module](super).
 ///
@@ -140,11 +141,6 @@ impl CorrelativeMatcher {
         self.target = Some(Target::after(&mut self.target, points, &self.params)?);
         Ok(())
     }
-}
-
-/// A pose that stays where it was guessed along the directions that are not observed.
-pub(super) fn held(found: &Se2, guess: &Se2, unobserved: &Matrix3<f64>) -> Se2 {
-    found.plus(&(unobserved * found.between(guess).log()))
 }
 
 impl ScanMatcher for CorrelativeMatcher {

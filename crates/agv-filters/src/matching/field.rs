@@ -16,13 +16,13 @@
 
 use super::{
     CorrelativeParams,
-    correlative::held,
     refine::sum_up,
-    target::{Nearest, REACH, Squares, Target, end_points, layout_around, thin_into},
+    target::{Nearest, REACH, Target, ThinnedScan, end_points, layout_around},
+    verdict::{End, verdict},
 };
 use agv_core::{
     Error, check,
-    geometry::{LieGroup, PoseSigma, Se2, unobserved_directions},
+    geometry::{LieGroup, PoseSigma, Se2},
     grid::{CellState, Grid},
     roles::{Alignment, AlignmentError, ScanMatcher, TargetScan, Termination},
     sensors::LaserScan,
@@ -117,8 +117,7 @@ pub struct FieldMatcher {
     target: Option<Target>,
     /// Likelihoods, the coarsest field first.
     fields: Vec<Grid<f32>>,
-    squares: Squares,
-    points: Vec<Vector2<f64>>,
+    scan: ThinnedScan,
 }
 
 /// Steps below this share of a cell are the end.
@@ -144,18 +143,20 @@ impl FieldMatcher {
     /// As [`FieldMatcherParams::validate`].
     pub fn new(params: FieldMatcherParams) -> Result<Self, Error> {
         params.validate()?;
-        let FieldMatcherParams { resolution, sigma, range_sigma, min_points, observable, .. } = params;
+        let FieldMatcherParams { resolution, sigma, range_sigma, min_points, min_inlier_ratio, observable, .. } =
+            params;
         let lines = CorrelativeParams {
             resolution,
             sigma,
             // Between the centres of cells a field is not what it says: all points of a wall are off alike.
             range_sigma: range_sigma.hypot(resolution),
             min_points,
+            min_inlier_ratio,
             normal_radius: 5.0 * resolution,
             observable,
             ..Default::default()
         };
-        Ok(Self { params, lines, target: None, fields: Vec::new(), squares: Vec::new(), points: Vec::new() })
+        Ok(Self { params, lines, target: None, fields: Vec::new(), scan: ThinnedScan::default() })
     }
 
     /// Its parameters.
@@ -263,43 +264,28 @@ impl ScanMatcher for FieldMatcher {
     /// Allocates nothing once a scan of as many beams was matched.
     fn match_scan(&mut self, scan: &LaserScan, guess: &Se2) -> Result<Alignment<Se2>, AlignmentError> {
         check::all_finite("guess", &[guess.x(), guess.y(), guess.yaw()])?;
-        let mut points = std::mem::take(&mut self.points);
-        thin_into(scan.points_in_base(), self.params.resolution, &mut self.squares, &mut points);
-        let found = self.align(&points, guess);
-        self.points = points;
-        found
+        self.scan.refill(scan, self.params.resolution);
+        self.align(guess)
     }
 }
 
 impl FieldMatcher {
-    fn align(&self, points: &[Vector2<f64>], guess: &Se2) -> Result<Alignment<Se2>, AlignmentError> {
-        let mut result = Alignment::unknown(*guess, Termination::TooFewPoints);
+    fn align(&self, guess: &Se2) -> Result<Alignment<Se2>, AlignmentError> {
         let (Some(finest), Some(target)) = (self.fields.last(), &self.target) else {
             return Err(AlignmentError::NoTarget);
         };
+        let points = &self.scan.points;
         if points.len() < self.params.min_points {
-            return Ok(result);
+            return Ok(Alignment::unknown(*guess, Termination::TooFewPoints));
         }
-        let (mut pose, mut ended) = (*guess, Termination::IterationLimit);
+        let (mut pose, mut termination, mut iterations) = (*guess, Termination::IterationLimit, 0);
         for field in &self.fields {
             let steps;
-            (pose, ended, steps) = self.descend(field, points, &pose);
-            result.iterations += steps;
+            (pose, termination, steps) = self.descend(field, points, &pose);
+            iterations += steps;
         }
         let sums = slope(finest, points, &pose);
-        result.inlier_ratio = sums.inliers as f64 / points.len() as f64;
-        result.score = sums.likelihood / points.len() as f64;
-        if sums.inliers < self.params.min_points
-            || result.inlier_ratio < self.params.min_inlier_ratio
-            || !pose.is_finite()
-        {
-            return Ok(result);
-        }
-        result.termination = ended;
-        let lines = sum_up(target, points, &pose, &self.lines);
-        result.information = lines.information(points, &self.lines);
-        result.unobserved = unobserved_directions::<Se2>(&result.information, self.params.observable)?;
-        result.target_from_source = held(&pose, guess, &result.unobserved);
-        Ok(result)
+        let end = End { pose, termination, iterations, score: sums.likelihood, inliers: sums.inliers };
+        Ok(verdict(&end, &sum_up(target, points, &pose, &self.lines), points, guess, &self.lines)?)
     }
 }

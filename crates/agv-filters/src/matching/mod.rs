@@ -25,6 +25,7 @@ mod search;
 mod target;
 #[cfg(test)]
 mod tests;
+mod verdict;
 
 pub use climb::{ClimbingMatcher, ClimbingMatcherParams};
 pub use correlative::CorrelativeMatcher;

@@ -9,6 +9,7 @@ use agv_core::{
     geometry::{LieGroup, Se2},
     grid::GridLayout,
     roles::TargetScan,
+    sensors::LaserScan,
 };
 use nalgebra::Vector2;
 
@@ -170,6 +171,20 @@ impl Nearest {
 
 /// Memory for thinning points: squares, and the index of a point in each.
 pub(crate) type Squares = Vec<(i64, i64, usize)>;
+
+/// The end points of a scan, a point per square, in memory that is used again.
+#[derive(Debug, Clone, Default)]
+pub(super) struct ThinnedScan {
+    pub(super) points: Vec<Vector2<f64>>,
+    squares: Squares,
+}
+
+impl ThinnedScan {
+    /// Takes another scan, thinned out to squares of this edge.
+    pub(super) fn refill(&mut self, scan: &LaserScan, edge: f64) {
+        thin_into(scan.points_in_base(), edge, &mut self.squares, &mut self.points);
+    }
+}
 
 /// The first point of each square of this edge, in the order in which they came.
 pub(super) fn thinned(points: &[Vector2<f64>], edge: f64) -> Vec<Vector2<f64>> {

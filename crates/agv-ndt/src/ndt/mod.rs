@@ -14,6 +14,7 @@ mod planar;
 mod registration;
 mod search;
 mod sparse;
+mod tile;
 mod tiles;
 
 pub use distributions::DistributionRegistration;
@@ -24,4 +25,5 @@ pub use params::NdtParams;
 pub use planar::{NdtScanMatcher, NdtScanMatcherParams};
 pub use registration::{NdtRegistration, NdtReport};
 pub use search::VoxelSearch;
-pub use tiles::{NdtTile, NdtTiles};
+pub use tile::NdtTile;
+pub use tiles::NdtTiles;
