@@ -20,6 +20,8 @@ mod checkpoint;
 mod correction;
 mod filter;
 mod graph;
+#[cfg(feature = "serde")]
+mod graph_checkpoint;
 mod graph_slam;
 mod growth;
 mod joint;
