@@ -247,7 +247,7 @@ impl LandmarkSlam {
         let Derived { associator, pairs, matched, outcomes, .. } = &mut self.derived;
         match self.params.association {
             Association::Nearest => associator.nearest(pairs),
-            Association::Joint => associator.joint(&self.state, self.params.joint_work, pairs),
+            Association::Joint => associator.joint(&self.state, self.params.joint_work, self.params.lead, pairs),
         }
         for &pair in pairs.iter() {
             let candidate = &associator.candidates[pair];

@@ -299,6 +299,8 @@ fn bad_parameters_are_named() {
         LandmarkSlamParams { gate_probability: 1.0, ..ok },
         LandmarkSlamParams { novelty_probability: 0.5, ..ok },
         LandmarkSlamParams { joint_work: 0, ..ok },
+        LandmarkSlamParams { lead: -1.0, ..ok },
+        LandmarkSlamParams { lead: f64::NAN, ..ok },
         LandmarkSlamParams { most_landmarks: usize::MAX, ..ok },
         LandmarkSlamParams { view: Some(SensorView { range: 0.0, half_angle: 1.0 }), ..ok },
         LandmarkSlamParams { view: Some(SensorView { range: 1.0, half_angle: 4.0 }), ..ok },
