@@ -2,9 +2,12 @@
 //!
 //! A pair is a candidate if its innovation passes the gate. [`nearest`](Associator::nearest) takes candidates one by one, the likeliest
 //! first. [`joint`](Associator::joint) searches the tree of all assignments, depth first, branch and bound: pairs must pass the
-//! gate together, with the correlations between their innovations, and the assignment with the most pairs wins, of equal ones that with the
-//! smaller distance (Neira and Tardós 2001, section IV). A second search looks for rivals, assignments with as many pairs that are not much
-//! farther: where one takes a sighting for another landmark, that sighting tells nothing. The factor of the joint innovation's covariance is carried along, a row or two a pair.
+//! gate together, with the correlations between their innovations, and the assignment with the most pairs wins, of equal
+//! ones that with the smaller distance (Neira and Tardós 2001, section IV). The factor of the joint innovation's covariance
+//! is carried along, a row or two a pair.
+//!
+//! A second search looks for rivals, assignments with as many pairs that are not much farther. Where one takes a sighting for
+//! another landmark, or its landmark for that of another sighting, the pair tells nothing.
 
 use super::{
     correction::cholesky,
@@ -108,8 +111,7 @@ impl Associator {
             pairs.extend_from_slice(&self.best);
             first = end;
         }
-        // Where each sighting has one candidate, there is no rival.
-        if lead > 0.0 && sightings <= MOST_JOINT && self.candidates.len() > sightings {
+        if lead > 0.0 && sightings <= MOST_JOINT && self.candidates.len() > self.best.len() {
             (self.work, self.lead) = (work, Some(lead));
             self.doubtful.clear();
             self.doubtful.resize(self.best.len(), false);
@@ -168,8 +170,9 @@ impl Associator {
         if first == end {
             let candidates = &self.candidates;
             for (&pair, doubtful) in self.best.iter().zip(&mut self.doubtful) {
-                let other = self.chosen.iter().find(|&&c| candidates[c].sighting == candidates[pair].sighting);
-                *doubtful |= other.is_some_and(|&c| c != pair);
+                let Candidate { sighting, index, .. } = candidates[pair];
+                let denies = |&c: &usize| (candidates[c].sighting == sighting) != (candidates[c].index == index);
+                *doubtful |= self.chosen.iter().any(denies);
             }
         }
         first < end
