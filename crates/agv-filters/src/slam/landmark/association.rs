@@ -68,7 +68,7 @@ impl Associator {
     pub(super) fn new(probability: f64) -> Result<Self, Error> {
         let limits: Result<_, _> =
             (1..=2 * MOST_JOINT).map(|rows| chi_square_quantile(rows as f64, probability)).collect();
-        Ok(Self { limits: limits?, ..Self::default() })
+        Ok(Self { limits: limits?, doubtful: Vec::with_capacity(MOST_JOINT), ..Self::default() })
     }
 
     /// Greatest square of an innovation of so many rows.
