@@ -8,7 +8,6 @@ use super::{
 use agv_nav::{
     core::geometry::UncertainPose,
     filters::slam::landmark::{LandmarkGraphSlam, LandmarkGraphSlamParams},
-    nalgebra::Matrix2,
     prelude::*,
 };
 use agv_support::{landmark_log::LandmarkLog, progress::Progress, timing::Timings};
@@ -45,10 +44,11 @@ pub(crate) fn run(log: &LandmarkLog, settings: &Settings) -> Result<(Run, usize)
     let way: Vec<_> = places.into_iter().map(at).collect();
     let known: Vec<UncertainPose<Se2>> = known;
     let taken = slam.graph().ties().iter().zip(names).map(|(tie, name)| (tie.landmark.index() as u32, name)).collect();
-    let found = slam.landmarks().map(|(landmark, _)| Found {
+    let believed: Vec<_> = slam.landmarks().map(|(landmark, _)| landmark).collect();
+    let found = believed.into_iter().map(|landmark| Found {
         key: landmark.index() as u32,
         place: slam.graph().landmarks()[landmark.index()],
-        covariance: Matrix2::zeros(),
+        covariance: slam.landmark_covariance(landmark).unwrap_or_default(),
         confirmed: true,
     });
     let landmarks = found.collect();

@@ -32,6 +32,7 @@ pub(crate) struct Found {
 pub(crate) struct Counts {
     pub(crate) sightings: usize,
     pub(crate) left_out: usize,
+    pub(crate) matched: usize,
     /// Sum of the normalised squares of the innovations, and their degrees of freedom.
     pub(crate) square: f64,
     pub(crate) degrees: usize,
@@ -42,6 +43,7 @@ impl Counts {
     pub(crate) fn add(&mut self, sightings: usize, update: &LandmarkUpdate) {
         self.sightings += sightings;
         self.left_out += update.left_out;
+        self.matched += update.matched;
         self.square += update.innovation_square;
         self.degrees += update.innovation_degrees;
         self.log_likelihood += update.log_likelihood;

@@ -2,16 +2,19 @@
 
 use crate::{
     scenes::{
-        circle,
+        circle, landmarks,
         mapping::{graph_slam, map_by_graph, map_by_particles, particle_slam},
     },
-    table::restored,
+    table::{assert_kept, assert_refused, restored},
 };
 use agv_nav::core::{
     compute::Par,
     geometry::{LieGroup, Se2},
     grid::OccupancyThresholds,
+    solve::RobustKernel,
 };
+use agv_nav::filters::slam::landmark::{LandmarkGraphSlam, LandmarkGraphSlamParams, LandmarkSlamParams};
+use serde_json::json;
 
 /// Killed before its loop is closed, and after.
 #[test]
@@ -79,4 +82,81 @@ fn a_map_is_loaded_localised_in_and_gone_on_with() {
     assert!(slam.keys() > keys + 3);
     let off = truth(149).between(&slam.map_from_base());
     assert!(off.translation().norm() < 0.1 && off.yaw().abs() < 0.05, "{off:?}");
+}
+
+/// Nothing as it is by default.
+fn landmark_graph() -> LandmarkGraphSlam {
+    let front = LandmarkSlamParams { confirmations: 2, range_scale_sigma: 0.01, ..Default::default() };
+    let params = LandmarkGraphSlamParams {
+        front,
+        kernel: RobustKernel::Huber { scale: 1.5 },
+        interval: 40,
+        merge_probability: 0.9,
+        least_sigmas: [2e-3, 2e-4],
+    };
+    LandmarkGraphSlam::new(params).unwrap()
+}
+
+/// Killed between a motion and its sightings: with a beacon that waits for its place, between two corrections, and at one.
+#[test]
+fn landmark_graphs_go_on_with_the_same_bits() {
+    let looks = landmarks::rounds(130);
+    let go_on = |slam: &mut LandmarkGraphSlam, mut from: usize, mid_motion: bool, to: usize| {
+        if mid_motion {
+            slam.update(&looks[from].1).unwrap();
+            from += 1;
+        }
+        for (odometry, seen) in &looks[from..to] {
+            slam.predict(odometry).unwrap();
+            slam.update(seen).unwrap();
+        }
+    };
+    let mut whole = landmark_graph();
+    go_on(&mut whole, 0, false, looks.len());
+    let end = serde_json::to_string(&whole).unwrap();
+    let merged = whole.finish().unwrap();
+    for stop in [0, 3, 60, 79, 80, 125] {
+        let mut killed = landmark_graph();
+        go_on(&mut killed, 0, false, stop);
+        killed.predict(&looks[stop].0).unwrap();
+        let mut resumed = restored(&killed);
+        assert_eq!(resumed.place(), killed.place(), "{stop}");
+        go_on(&mut resumed, stop, true, looks.len());
+        assert!(serde_json::to_string(&resumed).unwrap() == end, "{stop}");
+        assert_eq!(resumed.finish().unwrap(), merged, "{stop}");
+        assert!(resumed.graph() == whole.graph(), "{stop}");
+        assert!(resumed.landmarks().eq(whole.landmarks()), "{stop}");
+    }
+}
+
+#[test]
+fn spoilt_landmark_graphs_are_refused() {
+    let mut slam = landmark_graph();
+    for (odometry, seen) in landmarks::rounds(6) {
+        slam.update(&seen).unwrap();
+        slam.predict(&odometry).unwrap();
+    }
+    assert_kept("LandmarkGraphSlam", &slam);
+    assert_refused(
+        "LandmarkGraphSlam",
+        &slam,
+        &[
+            ("/params/merge_probability", json!(1.0)),
+            ("/params/least_sigmas/0", json!(0.0)),
+            ("/params/kernel", json!({ "Huber": { "scale": -1.0 } })),
+            ("/front/params/gate_probability", json!(1.5)),
+            ("/front/next", json!(0)),
+            ("/graph/range_scale", json!(-1.0)),
+            ("/graph/landmarks", json!([])),
+            ("/graph/ties/0/pose", json!(1000)),
+            ("/graph/ties/0/landmark", json!(1000)),
+            ("/graph/ties/0/pose", json!(5)),
+            ("/graph/poses/relations", json!([])),
+            ("/graph/poses/relations/1/to", json!(0)),
+            ("/of_key", json!({ "0": 1000 })),
+            ("/of_key", json!({ "1000": 0 })),
+            ("/motion/covariance/0", json!(-1.0)),
+            ("/since", json!(7)),
+        ],
+    );
 }

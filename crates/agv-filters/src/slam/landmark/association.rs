@@ -2,8 +2,12 @@
 //!
 //! A pair is a candidate if its innovation passes the gate. [`nearest`](Associator::nearest) takes candidates one by one, the likeliest
 //! first. [`joint`](Associator::joint) searches the tree of all assignments, depth first, branch and bound: pairs must pass the
-//! gate together, with the correlations between their innovations, and the assignment with the most pairs wins, of equal ones that with the
-//! smaller distance (Neira and Tardós 2001, section IV). The factor of the joint innovation's covariance is carried along, a row or two a pair.
+//! gate together, with the correlations between their innovations, and the assignment with the most pairs wins, of equal
+//! ones that with the smaller distance (Neira and Tardós 2001, section IV). The factor of the joint innovation's covariance
+//! is carried along, a row or two a pair.
+//!
+//! A second search looks for rivals, assignments with as many pairs that are not much farther. Where one takes a sighting for
+//! another landmark, or its landmark for that of another sighting, the pair tells nothing.
 
 use super::{
     correction::cholesky,
@@ -43,6 +47,9 @@ pub(super) struct Associator {
     work: usize,
     /// Whether this group's first assignment stands.
     dived: bool,
+    /// By how much a rival may be farther than the best, while rivals are sought; and which pairs of the best they contradict.
+    lead: Option<f64>,
+    doubtful: Vec<bool>,
 }
 
 /// Square of an innovation and its cost; none if its covariance is not positive definite.
@@ -61,7 +68,7 @@ impl Associator {
     pub(super) fn new(probability: f64) -> Result<Self, Error> {
         let limits: Result<_, _> =
             (1..=2 * MOST_JOINT).map(|rows| chi_square_quantile(rows as f64, probability)).collect();
-        Ok(Self { limits: limits?, ..Self::default() })
+        Ok(Self { limits: limits?, doubtful: Vec::with_capacity(MOST_JOINT), ..Self::default() })
     }
 
     /// Greatest square of an innovation of so many rows.
@@ -86,9 +93,11 @@ impl Associator {
     }
 
     /// Writes indices of the candidates that are compatible together. Beside a first assignment, each sighting's cheapest that goes with those
-    /// before, it looks at `work` pairs at most, shared by the groups.
-    pub(super) fn joint(&mut self, state: &SlamState, work: usize, pairs: &mut Vec<usize>) {
+    /// before, it looks at `work` pairs at most, shared by the groups, and at as many again for rivals that are within `lead`, if there is
+    /// one group only: in one of several, rivals are not held against what the others see.
+    pub(super) fn joint(&mut self, state: &SlamState, work: usize, lead: f64, pairs: &mut Vec<usize>) {
         pairs.clear();
+        self.lead = None;
         let sightings = self.sightings_left(0, self.candidates.len());
         let share = work / sightings.div_ceil(MOST_JOINT).max(1);
         let mut first = 0;
@@ -101,6 +110,14 @@ impl Associator {
             self.descend(state, pairs, first, end, 0.0);
             pairs.extend_from_slice(&self.best);
             first = end;
+        }
+        if lead > 0.0 && sightings <= MOST_JOINT && self.candidates.len() > self.best.len() {
+            (self.work, self.lead) = (work, Some(lead));
+            self.doubtful.clear();
+            self.doubtful.resize(self.best.len(), false);
+            self.descend(state, &[], 0, self.candidates.len(), 0.0);
+            let mut doubtful = self.doubtful.iter();
+            pairs.retain(|_| doubtful.next() == Some(&false));
         }
     }
 
@@ -133,20 +150,37 @@ impl Associator {
         left
     }
 
-    /// Tries all that can become of the sighting whose candidates begin at `first`, and of those after it.
-    fn descend(&mut self, state: &SlamState, taken: &[usize], first: usize, end: usize, square: f64) {
-        // What is chosen is an assignment already, with the rest left out.
+    /// Keeps what is chosen if it is better than the best so far, or says where it contradicts it; whether more choices may do so too.
+    fn goes_on(&mut self, first: usize, end: usize, square: f64) -> bool {
         let (long, best) = (self.chosen.len(), self.best.len());
-        if long > best || (long == best && square < self.best_square) {
-            self.best.clone_from(&self.chosen);
-            self.best_square = square;
-        }
-        self.dived |= first == end;
         let most = long + self.sightings_left(first, end);
-        if most < self.best.len() || (most == self.best.len() && square >= self.best_square) {
-            return;
+        let Some(lead) = self.lead else {
+            // What is chosen is an assignment already, with the rest left out.
+            if long > best || (long == best && square < self.best_square) {
+                self.best.clone_from(&self.chosen);
+                self.best_square = square;
+            }
+            self.dived |= first == end;
+            let pruned = most < self.best.len() || (most == self.best.len() && square >= self.best_square);
+            return first < end && !pruned;
+        };
+        if most < best || square > self.best_square + lead {
+            return false;
         }
         if first == end {
+            let candidates = &self.candidates;
+            for (&pair, doubtful) in self.best.iter().zip(&mut self.doubtful) {
+                let Candidate { sighting, index, .. } = candidates[pair];
+                let denies = |&c: &usize| (candidates[c].sighting == sighting) != (candidates[c].index == index);
+                *doubtful |= self.chosen.iter().any(denies);
+            }
+        }
+        first < end
+    }
+
+    /// Tries all that can become of the sighting whose candidates begin at `first`, and of those after it.
+    fn descend(&mut self, state: &SlamState, taken: &[usize], first: usize, end: usize, square: f64) {
+        if !self.goes_on(first, end, square) {
             return;
         }
         let next = self.span(first, end);

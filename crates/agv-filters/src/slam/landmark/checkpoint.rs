@@ -3,6 +3,7 @@
 use super::{
     LandmarkSlam, LandmarkSlamParams,
     ranging::Waiting,
+    reading::SCALES,
     state::{POINTS, PointKind, SlamState},
 };
 use agv_core::{Error, check, geometry::LieGroup};
@@ -25,6 +26,7 @@ impl TryFrom<RawLandmarkSlam> for LandmarkSlam {
         if !(state.is_finite() && state.map_from_base.is_finite()) {
             return Err(Error::NotFinite { name: "state", value: f64::NAN });
         }
+        check::in_range("range_scale", state.scale, *SCALES.start(), *SCALES.end())?;
         check::covariance("pending motion", &state.pending)?;
         let rising = state.points.windows(2).all(|pair| pair[0].key < pair[1].key);
         let last = state.points.last().map_or(0, |point| point.key.saturating_add(1));

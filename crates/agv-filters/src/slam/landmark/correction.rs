@@ -2,6 +2,7 @@
 
 use super::{
     SlamErrors,
+    reading::SCALES,
     state::{Constraint, POINTS, SCALE, SlamState, YAW, row_of, turned},
 };
 use agv_core::geometry::{LieGroup, Se2};
@@ -35,8 +36,8 @@ impl CorrectionScratch {
 
 impl SlamState {
     /// Takes constraints in, all at once: `P -= P Hᵀ (H P Hᵀ + R)⁻¹ H P`, as the square of one matrix, so that it stays symmetric, and
-    /// no variance becomes negative but by rounding. False if the innovation's covariance is not positive definite, or the step not
-    /// finite; nothing changes then. O(rows points²).
+    /// no variance becomes negative but by rounding. False if the innovation's covariance is not positive definite, the step not
+    /// finite, or the scale of ranges absurd after it; nothing changes then. O(rows points²).
     pub(super) fn correct(
         &mut self,
         constraints: &[Constraint],
@@ -69,7 +70,7 @@ impl SlamState {
         for (column, y) in columns.chunks_exact(n).zip(innovation.iter()) {
             step.iter_mut().zip(column).for_each(|(s, c)| *s += c * y);
         }
-        if !step.iter().all(|v| v.is_finite()) {
+        if !(step.iter().all(|v| v.is_finite()) && SCALES.contains(&(self.scale + step[SCALE]))) {
             return false;
         }
         self.covariance.add_products(columns, columns, -1.0);

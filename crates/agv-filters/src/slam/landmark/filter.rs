@@ -5,7 +5,7 @@ use super::{
     association::{Associator, Candidate, distance},
     correction::CorrectionScratch,
     ranging::Waiting,
-    reading::Expected,
+    reading::{Expected, LARGEST},
     state::{Constraint, Point, PointKind, SlamState},
 };
 use crate::kalman::Gate;
@@ -18,9 +18,6 @@ use nalgebra::{Matrix2, Matrix3, Vector2};
 
 /// Sightings that are taken in at once; more are taken one group after the other, each at the estimate that the last one left.
 const GROUP: usize = 16;
-
-/// Longest motion and farthest sighting, in metres: beyond, the numbers have no meaning.
-const LARGEST: f64 = 1e6;
 
 /// SLAM with landmarks by an extended Kalman filter; see the [module](super).
 ///
@@ -152,6 +149,13 @@ impl LandmarkSlam {
     /// # Errors
     /// [`Error::NotFinite`] or [`Error::OutOfRange`] for a motion, [`Error::NotCovariance`] for its covariance; nothing changes then.
     pub fn predict(&mut self, odometry: &OdometryIncrement) -> Result<(), Error> {
+        let covariance = self.covariance_of(odometry)?;
+        self.state.drive(&odometry.start_from_end, &covariance);
+        Ok(())
+    }
+
+    /// Covariance of a motion, if it can be one.
+    pub(super) fn covariance_of(&self, odometry: &OdometryIncrement) -> Result<Matrix3<f64>, Error> {
         let motion = &odometry.start_from_end;
         if !odometry.is_finite() {
             return Err(Error::NotFinite { name: "motion", value: f64::NAN });
@@ -160,21 +164,19 @@ impl LandmarkSlam {
         check::covariance("covariance of the motion", &odometry.covariance)?;
         let stated = odometry.covariance != Matrix3::zeros();
         let covariance = if stated { odometry.covariance } else { self.params.way_noise.covariance(motion) };
-        self.state.drive(motion, &covariance);
-        Ok(())
+        check::in_range("variance of the motion", covariance.trace(), 0.0, LARGEST * LARGEST)?;
+        Ok(covariance)
     }
 
-    /// Takes in all that was seen at one time, perhaps nothing.
+    /// Takes in all that was seen at one time, perhaps nothing. Two sightings without names are of two landmarks: what several sensors saw
+    /// of the same ones goes into an update each.
     ///
     /// # Errors
-    /// A sighting that cannot be one: a range below zero or absurdly far, a covariance that is not positive definite, a mount that is not
-    /// finite. Nothing changes then.
+    /// A sighting that cannot be one: a range below zero or absurdly far, a covariance that is not positive definite or absurdly large, a
+    /// mount that is not finite. Nothing changes then.
     pub fn update(&mut self, sightings: &[LandmarkSighting]) -> Result<LandmarkUpdate, Error> {
         for sighting in sightings {
             sighting.validate()?;
-            if let Some((place, _)) = sighting.place(0.0) {
-                check::in_range("distance of a sighting", place.norm(), 0.0, LARGEST)?;
-            }
         }
         self.state.flush(&mut self.derived.scratch);
         self.derived.outcomes.clear();
@@ -245,7 +247,7 @@ impl LandmarkSlam {
         let Derived { associator, pairs, matched, outcomes, .. } = &mut self.derived;
         match self.params.association {
             Association::Nearest => associator.nearest(pairs),
-            Association::Joint => associator.joint(&self.state, self.params.joint_work, pairs),
+            Association::Joint => associator.joint(&self.state, self.params.joint_work, self.params.lead, pairs),
         }
         for &pair in pairs.iter() {
             let candidate = &associator.candidates[pair];

@@ -1,6 +1,6 @@
 //! A graph of poses and landmarks.
 
-use super::{LandmarkReading, LandmarkSighting, problem::sees};
+use super::{LandmarkReading, LandmarkSighting, problem::sees, reading::SCALES};
 use crate::graph::{PoseGraph, PoseId};
 use agv_core::{Error, check, geometry::Se2, solve::RobustKernel};
 use nalgebra::Vector2;
@@ -148,7 +148,7 @@ impl LandmarkGraph {
     /// # Errors
     /// [`Error::OutOfRange`] unless between -0.9 and 10.
     pub fn set_range_scale(&mut self, range_scale: f64) -> Result<(), Error> {
-        self.range_scale = check::in_range("range_scale", range_scale, -0.9, 10.0)?;
+        self.range_scale = check::in_range("range_scale", range_scale, *SCALES.start(), *SCALES.end())?;
         Ok(())
     }
 

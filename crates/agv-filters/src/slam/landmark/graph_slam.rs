@@ -12,7 +12,7 @@ use agv_core::{
     odometry::OdometryIncrement,
     solve::{LeastSquaresReport, LevenbergMarquardtParams, RobustKernel},
 };
-use nalgebra::Matrix3;
+use nalgebra::{Matrix2, Matrix3};
 use std::collections::{BTreeMap, BTreeSet};
 
 /// Parameters of a [`LandmarkGraphSlam`].
@@ -46,6 +46,9 @@ impl Default for LandmarkGraphSlamParams {
 
 /// Graph SLAM with landmarks.
 ///
+/// Deterministic. A state that was stored continues with the same bits (feature `serde`); covariances and what became of the last
+/// sightings are not in it, the next correction and the next update tell them again.
+///
 /// A [`LandmarkSlam`] in front decides which landmark each sighting is of. Every update becomes a pose of a [`LandmarkGraph`], tied by odometry to the one before and by
 /// its sightings to landmarks. The graph is corrected every so many poses, from where it was, and at the end; then landmarks are compared
 /// again: two that were never seen together, and whose distance is explained by its covariance, are made one, and the graph is
@@ -74,19 +77,23 @@ impl Default for LandmarkGraphSlamParams {
 /// # Ok::<(), agv_core::Error>(())
 /// ```
 #[derive(Debug)]
+#[cfg_attr(
+    feature = "serde",
+    derive(serde::Serialize, serde::Deserialize),
+    serde(try_from = "super::graph_checkpoint::RawLandmarkGraphSlam")
+)]
 pub struct LandmarkGraphSlam {
-    params: LandmarkGraphSlamParams,
-    front: LandmarkSlam,
-    graph: LandmarkGraph,
-    solver: LandmarkGraphSolver,
+    pub(super) params: LandmarkGraphSlamParams,
+    pub(super) front: LandmarkSlam,
+    pub(super) graph: LandmarkGraph,
     /// The graph's landmark of each key.
-    of_key: BTreeMap<u32, GraphLandmark>,
-    /// Keys that were seen at each pose.
-    seen: Vec<Vec<GraphLandmark>>,
-    last: Option<PoseId>,
+    pub(super) of_key: BTreeMap<u32, GraphLandmark>,
     /// Motion since the last pose.
-    motion: Option<OdometryIncrement>,
-    since: usize,
+    pub(super) motion: Option<OdometryIncrement>,
+    /// Poses since the graph was corrected.
+    pub(super) since: usize,
+    #[cfg_attr(feature = "serde", serde(skip))]
+    pub(super) solver: LandmarkGraphSolver,
 }
 
 impl LandmarkGraphSlam {
@@ -107,8 +114,6 @@ impl LandmarkGraphSlam {
             graph: LandmarkGraph::new(),
             solver: LandmarkGraphSolver::new(PoseGraphSolverParams { descent, ..solver })?,
             of_key: BTreeMap::new(),
-            seen: Vec::new(),
-            last: None,
             motion: None,
             since: 0,
         })
@@ -126,13 +131,17 @@ impl LandmarkGraphSlam {
 
     /// Where the vehicle is: by the graph's last pose, and odometry since.
     pub fn map_from_base(&self) -> Se2 {
-        let last = self.last.map(|last| self.graph.poses()[last.index()]).unwrap_or_default();
+        let last = self.graph.poses().last().copied().unwrap_or_default();
         self.motion.map_or(last, |motion| last.compose(&motion.start_from_end))
+    }
+
+    fn last(&self) -> Option<PoseId> {
+        self.graph.poses().len().checked_sub(1).map(|last| PoseId(last as u32))
     }
 
     /// The last pose of the graph, and the vehicle in its frame: what a trajectory keeps, to be corrected with the graph.
     pub fn place(&self) -> (Option<PoseId>, Se2) {
-        (self.last, self.motion.map(|motion| motion.start_from_end).unwrap_or_default())
+        (self.last(), self.motion.map(|motion| motion.start_from_end).unwrap_or_default())
     }
 
     /// Landmarks of the graph with the number of their sightings: those that were seen often enough to be believed.
@@ -141,6 +150,11 @@ impl LandmarkGraphSlam {
         self.graph.ties().iter().for_each(|tie| counts[tie.landmark.index()] += 1);
         let least = self.params.front.confirmations as usize;
         counts.into_iter().enumerate().filter(move |(_, n)| *n >= least).map(|(i, n)| (GraphLandmark(i as u32), n))
+    }
+
+    /// Covariance of a landmark's place in the graph as it was corrected last, in the axes of the map; none if it was not in it.
+    pub fn landmark_covariance(&mut self, landmark: GraphLandmark) -> Option<Matrix2<f64>> {
+        self.solver.landmark_covariance(landmark)
     }
 
     /// Landmark that each sighting of the last update was taken for, in their order.
@@ -156,13 +170,22 @@ impl LandmarkGraphSlam {
     /// # Errors
     /// As [`LandmarkSlam::predict`].
     pub fn predict(&mut self, odometry: &OdometryIncrement) -> Result<(), Error> {
+        let next = OdometryIncrement { covariance: self.front.covariance_of(odometry)?, ..*odometry };
+        let motion = self.motion.map_or(next, |motion| motion.compose(&next));
+        self.information_of(&motion)?;
         self.front.predict(odometry)?;
-        let stated = odometry.covariance != Matrix3::zeros();
-        let covariance =
-            if stated { odometry.covariance } else { self.params.front.way_noise.covariance(&odometry.start_from_end) };
-        let next = OdometryIncrement { covariance, ..*odometry };
-        self.motion = Some(self.motion.map_or(next, |motion| motion.compose(&next)));
+        self.motion = Some(motion);
         Ok(())
+    }
+
+    /// Information of a motion in the graph.
+    pub(super) fn information_of(&self, motion: &OdometryIncrement) -> Result<Matrix3<f64>, Error> {
+        let [way, turn] = self.params.least_sigmas.map(|sigma| sigma * sigma);
+        let covariance = motion.covariance + Matrix3::from_diagonal(&[way, way, turn].into());
+        let information = Se2::inverse_of(&covariance).filter(|_| motion.start_from_end.is_finite());
+        let information = information.ok_or(Error::NotFinite { name: "information of a motion", value: f64::NAN })?;
+        check::covariance("information of a motion", &information)?;
+        Ok(information)
     }
 
     /// Takes in what was seen at one time. Without a motion since the last update it is taken in at the same pose.
@@ -171,8 +194,8 @@ impl LandmarkGraphSlam {
     /// As [`LandmarkSlam::update`], and those of the solver; the graph is then as it was before it was to be corrected.
     pub fn update(&mut self, sightings: &[LandmarkSighting]) -> Result<LandmarkUpdate, Error> {
         let update = self.front.update(sightings)?;
+        let poses = self.graph.poses().len();
         let pose = self.next_pose()?;
-        let mut seen = Vec::new();
         for (sighting, outcome) in sightings.iter().zip(self.front.outcomes()) {
             let (SightingOutcome::Matched(key) | SightingOutcome::Added(key)) = outcome else { continue };
             let pose_guess = self.graph.poses()[pose.index()];
@@ -186,13 +209,10 @@ impl LandmarkGraphSlam {
             };
             let (sighting, kernel) = (*sighting, self.params.kernel);
             self.graph.add_tie(Tie { pose, landmark, sighting, kernel })?;
-            seen.push(landmark);
         }
-        if let Some(before) = self.seen.get_mut(pose.index()) {
-            before.extend(seen);
+        if self.graph.poses().len() == poses {
             return Ok(update);
         }
-        self.seen.push(seen);
         self.since += 1;
         if self.params.interval > 0 && self.since >= self.params.interval {
             self.optimize()?;
@@ -202,21 +222,15 @@ impl LandmarkGraphSlam {
 
     /// Another pose, tied by the motion since the last one; without a motion the last one itself.
     fn next_pose(&mut self) -> Result<PoseId, Error> {
-        let tied = match (self.last, self.motion) {
+        let tied = match (self.last(), self.motion) {
             (Some(last), None) => return Ok(last),
-            (Some(last), Some(motion)) => {
-                let [way, turn] = self.params.least_sigmas.map(|sigma| sigma * sigma);
-                let covariance = motion.covariance + Matrix3::from_diagonal(&[way, way, turn].into());
-                let singular = Error::NotFinite { name: "covariance of the motion", value: f64::NAN };
-                Some((last, motion.start_from_end, Se2::inverse_of(&covariance).ok_or(singular)?))
-            }
+            (Some(last), Some(motion)) => Some((last, motion.start_from_end, self.information_of(&motion)?)),
             (None, _) => None,
         };
         let pose = self.graph.add_pose(self.map_from_base())?;
         if let Some((last, start_from_end, information)) = tied {
             self.graph.add_relation(Relation::new(last, pose, start_from_end, information))?;
         }
-        self.last = Some(pose);
         self.motion = None;
         Ok(pose)
     }
@@ -245,15 +259,10 @@ impl LandmarkGraphSlam {
             if pairs.is_empty() {
                 return Ok(merged);
             }
-            let before = (self.graph.clone(), self.of_key.clone(), self.seen.clone());
+            let before = (self.graph.clone(), self.of_key.clone());
             for &(one, into) in &pairs {
                 self.graph.merge(one, into)?;
                 self.of_key.values_mut().filter(|landmark| **landmark == one).for_each(|landmark| *landmark = into);
-                self.seen
-                    .iter_mut()
-                    .flatten()
-                    .filter(|landmark| **landmark == one)
-                    .for_each(|landmark| *landmark = into);
             }
             let limit = chi_square_quantile(2.0 * pairs.len() as f64, self.params.merge_probability)?;
             let with = self.optimize()?.cost;
@@ -261,7 +270,7 @@ impl LandmarkGraphSlam {
                 (merged, cost) = (merged + pairs.len(), with);
                 continue;
             }
-            (self.graph, self.of_key, self.seen) = before;
+            (self.graph, self.of_key) = before;
             cost = self.optimize()?.cost;
             // All at once, or one by one.
             if pairs.len() == 1 {
@@ -277,9 +286,10 @@ impl LandmarkGraphSlam {
         let possible = chi_square_quantile(2.0, novelty)?;
         let limit = chi_square_quantile(2.0, self.params.merge_probability)?;
         let mut together = BTreeSet::new();
-        for seen in &self.seen {
+        // Ties are in the order of their poses.
+        for seen in self.graph.ties().chunk_by(|a, b| a.pose == b.pose) {
             for a in seen {
-                together.extend(seen.iter().map(|b| (*a.min(b), *a.max(b))));
+                together.extend(seen.iter().map(|b| (a.landmark.min(b.landmark), a.landmark.max(b.landmark))));
             }
         }
         let landmarks: Vec<_> = self.landmarks().map(|(landmark, _)| landmark).collect();

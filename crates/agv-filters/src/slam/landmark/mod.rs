@@ -11,7 +11,7 @@
 //! |---|---|
 //! | of a landmark that it names, or that is the only one to explain it | a correction |
 //! | that no landmark explains by far | a new landmark, believed after some more |
-//! | between the two | nothing |
+//! | between the two, or of several landmarks about as likely | nothing |
 //! | of range alone, by name | kept, until all ranges of the landmark tell where it is |
 
 mod association;
@@ -20,6 +20,8 @@ mod checkpoint;
 mod correction;
 mod filter;
 mod graph;
+#[cfg(feature = "serde")]
+mod graph_checkpoint;
 mod graph_slam;
 mod growth;
 mod joint;

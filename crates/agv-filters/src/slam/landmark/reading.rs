@@ -13,6 +13,13 @@ use agv_core::{
     sensors::LandmarkObservation,
 };
 use nalgebra::{Matrix2, SMatrix, SVector, Vector2};
+use std::ops::RangeInclusive;
+
+/// Longest motion and farthest sighting, in metres: beyond, the numbers have no meaning.
+pub(super) const LARGEST: f64 = 1e6;
+
+/// Shares by which ranges may be too long.
+pub(super) const SCALES: RangeInclusive<f64> = -0.9..=10.0;
 
 /// What a sensor measures of a landmark, with its covariance.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,22 +78,29 @@ impl LandmarkSighting {
         Self { base_from_sensor, ..self }
     }
 
-    /// Refuses ranges below zero, noise-free readings and mounts that are not finite.
+    /// Refuses ranges below zero, what is absurdly far or uncertain, noise-free readings, and mounts that are not finite.
     pub(super) fn validate(&self) -> Result<(), Error> {
         if !self.base_from_sensor.is_finite() {
             return Err(Error::NotFinite { name: "mount", value: f64::NAN });
         }
-        match &self.reading {
+        check::in_range("distance of the mount", self.base_from_sensor.translation().norm(), 0.0, LARGEST)?;
+        let name = "covariance of a sighting";
+        let (distance, variance) = match &self.reading {
             LandmarkReading::RangeBearing(v) => {
-                check::non_negative("range", v.mean().x)?;
-                check::positive_definite("covariance of a sighting", v.covariance())
+                check::positive_definite(name, v.covariance())?;
+                (v.mean().x, v.covariance().trace())
             }
-            LandmarkReading::Place(v) => check::positive_definite("covariance of a sighting", v.covariance()),
+            LandmarkReading::Place(v) => {
+                check::positive_definite(name, v.covariance())?;
+                (v.mean().norm(), v.covariance().trace())
+            }
             LandmarkReading::Range(v) => {
-                check::non_negative("range", v.mean().x)?;
-                check::positive_definite("covariance of a sighting", v.covariance())
+                check::positive_definite(name, v.covariance())?;
+                (v.mean().x, v.covariance().trace())
             }
-        }
+        };
+        check::in_range("distance of a sighting", distance, 0.0, LARGEST)?;
+        check::in_range("variance of a sighting", variance, 0.0, LARGEST * LARGEST).map(|_| ())
     }
 
     /// Place in the sensor's frame with its covariance, if the reading tells it; `scale` is that of the ranges.

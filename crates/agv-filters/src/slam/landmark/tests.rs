@@ -263,6 +263,7 @@ fn bad_input_is_refused_and_changes_nothing() {
         motion(Se2::new(1e9, 0.0, 0.0), Matrix3::zeros()),
         motion(Se2::default(), Matrix3::identity() * nan),
         motion(Se2::default(), -Matrix3::identity()),
+        motion(Se2::default(), Matrix3::identity() * 1e200),
     ] {
         assert!(slam.predict(&bad).is_err());
     }
@@ -276,6 +277,9 @@ fn bad_input_is_refused_and_changes_nothing() {
         LandmarkSighting::new(None, LandmarkReading::range_bearing(-1.0, 0.0, SIGMAS).unwrap()),
         LandmarkSighting::new(Some(1), LandmarkReading::range(-1.0, 0.1).unwrap()),
         LandmarkSighting::new(Some(1), LandmarkReading::range(1.0, 0.0).unwrap()),
+        LandmarkSighting::new(Some(1), LandmarkReading::range(1e200, 0.1).unwrap()),
+        LandmarkSighting::new(Some(1), LandmarkReading::range(1.0, 1e100).unwrap()),
+        good.with_mount(Se2::new(1e200, 0.0, 0.0)),
     ] {
         assert!(slam.update(&[good, bad]).is_err(), "{bad:?}");
     }
@@ -295,6 +299,8 @@ fn bad_parameters_are_named() {
         LandmarkSlamParams { gate_probability: 1.0, ..ok },
         LandmarkSlamParams { novelty_probability: 0.5, ..ok },
         LandmarkSlamParams { joint_work: 0, ..ok },
+        LandmarkSlamParams { lead: -1.0, ..ok },
+        LandmarkSlamParams { lead: f64::NAN, ..ok },
         LandmarkSlamParams { most_landmarks: usize::MAX, ..ok },
         LandmarkSlamParams { view: Some(SensorView { range: 0.0, half_angle: 1.0 }), ..ok },
         LandmarkSlamParams { view: Some(SensorView { range: 1.0, half_angle: 4.0 }), ..ok },

@@ -41,6 +41,24 @@ fn little_time_leaves_an_assignment_all_the_same() {
     }
 }
 
+/// A vehicle that may be off by more than two posts are apart sees one of them: it may be either. Both together can only be themselves.
+#[test]
+fn one_post_that_may_be_either_tells_nothing() {
+    let posts = [Vector2::new(5.0, 0.0), Vector2::new(5.0, 1.0)];
+    let matched = |lead, seen: usize| {
+        let mut slam = LandmarkSlam::new(LandmarkSlamParams { lead, ..Default::default() }).unwrap();
+        let look = |from: &Se2, seen: &[Vector2<f64>]| -> Vec<_> {
+            seen.iter().map(|post| place(None, from, *post, 1e-4)).collect()
+        };
+        slam.update(&look(&Se2::default(), &posts)).unwrap();
+        slam.predict(&motion(Se2::default(), [0.5, 0.5, 0.01])).unwrap();
+        let update = slam.update(&look(&Se2::new(0.0, 0.3, 0.0), &posts[..seen])).unwrap();
+        assert_eq!(update.matched + update.left_out, seen, "none of them is new");
+        update.matched
+    };
+    assert_eq!([matched(0.0, 1), matched(9.21, 1), matched(9.21, 2)], [1, 0, 2]);
+}
+
 /// A lidar ahead and one behind, with one stamp.
 #[test]
 fn updates_without_a_motion_share_a_pose() {
