@@ -4,6 +4,7 @@ use crate::{Args, Result, load::Drive};
 use agv_nav::{
     core::{
         geometry::{LieGroup as _, Se3},
+        metrics::TrajectoryPose as _,
         roles::LidarOdometryStep,
         sensors::PointCloud,
     },
