@@ -7,7 +7,8 @@
 //!
 //! 1. **Map**: a tugger with a 16-line lidar, wheel odometry and an inertial unit is driven once through a generated hall of pallet
 //!    racks; clouds are matched with the map of those before, and make a 3D map and a 2D grid.
-//! 2. **Localise**: laps at several speeds, in that map and in one of true poses.
+//! 2. **Localise**: laps at several speeds, in that map and in one of true poses. With `--features serde` the map is written to `tiles/`
+//!    too, a file for each tile, and a lap is localised with only the tiles in memory that are around the vehicle.
 //! 3. **Plan**: A* and Dijkstra on the grid, with and without obstacles in the way.
 //! 4. **Drive**: put somewhere in the hall, the vehicle finds out where it is, and drives to two goals by A* and TEB, past goods
 //!    that the map does not know.
@@ -26,6 +27,9 @@ mod mapping;
 mod navigation;
 #[path = "smart_factory/pictures.rs"]
 mod pictures;
+#[cfg(feature = "serde")]
+#[path = "smart_factory/tiles.rs"]
+mod tiles;
 
 use agv_support::cli::{CommonArgs, Report};
 use clap::Parser;
@@ -73,6 +77,8 @@ fn main() -> ExitCode {
         let hall = hall::Hall::new(&args)?;
         let mapped = mapping::run(&args, &hall, &mut report)?;
         let laps = localization::run(&args, &hall, &mapped, &mut report)?;
+        #[cfg(feature = "serde")]
+        tiles::run(&args, &hall, &mapped, &out, &mut report)?;
         let driven = navigation::run(&args, &hall, &mapped, &mut report)?;
         pictures::write(&out, &mapped, &laps, &driven)?;
         report.print(args.common.json)?;

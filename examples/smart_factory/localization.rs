@@ -34,7 +34,7 @@ pub(crate) struct Errors {
 }
 
 impl Errors {
-    fn add(&mut self, estimate: &Se2, truth: &Se2) {
+    pub(crate) fn add(&mut self, estimate: &Se2, truth: &Se2) {
         self.estimates.push(*estimate);
         self.x.push((estimate.x() - truth.x()).abs());
         self.y.push((estimate.y() - truth.y()).abs());

@@ -6,4 +6,5 @@ mod fusion;
 mod kidnaps;
 mod landmarks;
 mod loops;
+mod places;
 mod scan_matchers;

@@ -106,6 +106,7 @@ fn a_resumed_mapper_continues_with_the_same_bits() {
             ("/keys/1/cloud/x", json!([1.0])),
             ("/tracked", json!(null)),
             ("/trajectory/0/key", json!(1_000_000)),
+            ("/followed", json!(1_000_000)),
             ("/closed/0/1", json!(1_000_000)),
             ("/graph/held", json!([])),
             ("/way", json!(-1.0)),

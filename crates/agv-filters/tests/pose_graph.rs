@@ -387,3 +387,19 @@ fn guesses_do_not_depend_on_the_poses_in_the_plane_or_in_space() {
     let step = Se3::exp(&Vector6::new(1.0, 0.0, 0.05, 0.01, 0.02, 0.37));
     guesses_do_not_depend_on_the_poses(&step, &Vector6::new(0.03, 0.02, 0.02, 0.004, 0.005, 0.01));
 }
+
+/// A pose that was added is as if it had not been, and all that was said of it.
+#[test]
+fn a_pose_that_is_popped_leaves_nothing() {
+    let (_, mut graph) = rounds(3, &Se2::new(1.0, 0.0, 0.3), 12, 5, &Vector3::new(0.02, 0.02, 0.01));
+    let before = graph.clone();
+    let id = graph.add_pose(Se2::new(1.0, 2.0, 0.3)).unwrap();
+    graph.hold(id).unwrap();
+    graph.add_relation(Relation::new(PoseId(2), id, Se2::default(), Matrix3::identity())).unwrap();
+    graph.add_relation(Relation::new(id, PoseId(4), Se2::default(), Matrix3::identity())).unwrap();
+    graph.add_prior(Prior::new(id, Se2::default(), Matrix3::identity())).unwrap();
+    assert_eq!(graph.pop_pose(), Some(Se2::new(1.0, 2.0, 0.3)));
+    assert_eq!(graph, before);
+    solver().optimize(&mut graph).unwrap();
+    assert_eq!(PoseGraph::<Se2>::new().pop_pose(), None);
+}

@@ -17,6 +17,22 @@ pub enum Error {
         /// Its value in the second map.
         right: f64,
     },
+    /// Two tiles that are to be one are of different places.
+    #[error("tile ({}, {}) cannot be merged with tile ({}, {}): it is another place", left[0], left[1], right[0], right[1])]
+    TileMismatch {
+        /// Index of the first tile.
+        left: [i32; 2],
+        /// Index of the second tile.
+        right: [i32; 2],
+    },
+    /// A tile that was stored has a voxel of another tile.
+    #[error("voxel ({}, {}, {}) does not lie in tile ({}, {})", voxel[0], voxel[1], voxel[2], tile[0], tile[1])]
+    VoxelOutsideTile {
+        /// The voxel.
+        voxel: [i32; 3],
+        /// Index of the tile.
+        tile: [i32; 2],
+    },
     /// A tile that is to be loaded is not away: its points would count twice.
     #[error("tile ({x}, {y}) was not unloaded, or is loaded already")]
     TileNotAway {
@@ -34,7 +50,9 @@ impl From<Error> for agv_core::roles::AlignmentError {
             Error::MapMismatch { name, left, right } => {
                 Self::Invalid(agv_core::Error::LayoutMismatch { name, left, right })
             }
-            Error::TileNotAway { x, y } => {
+            Error::TileMismatch { left: [x, y], .. }
+            | Error::VoxelOutsideTile { tile: [x, y], .. }
+            | Error::TileNotAway { x, y } => {
                 let (x, y) = (f64::from(x), f64::from(y));
                 Self::Invalid(agv_core::Error::OutsideGrid { x, y })
             }

@@ -18,6 +18,7 @@ pub(super) struct RawMap {
     graph: PoseGraph<Se3>,
     trajectory: Vec<Place>,
     tracked: Option<Tracked>,
+    followed: u32,
     way: f64,
     doubt: f64,
     pending: Vec<Closure>,
@@ -34,6 +35,7 @@ impl TryFrom<RawMap> for KeyFrameMap {
         let is_there = |name: &'static str, key: u32| {
             check::in_range(name, f64::from(key), 0.0, count.max(1) as f64 - 1.0).map(|_| ())
         };
+        is_there("key frame that is followed", raw.followed)?;
         raw.trajectory.iter().try_for_each(|place| is_there("key frame of a cloud", place.key))?;
         for Closure { from, to, from_from_to, information, unobserved, .. } in &raw.pending {
             is_there("key frame of a find", *from)?;
@@ -63,6 +65,7 @@ impl TryFrom<RawMap> for KeyFrameMap {
             graph: raw.graph,
             trajectory: raw.trajectory,
             tracked: raw.tracked,
+            followed: raw.followed,
             way: raw.way,
             doubt: raw.doubt,
             pending: raw.pending,

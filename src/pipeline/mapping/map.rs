@@ -51,8 +51,10 @@ pub(super) struct Place {
 pub(super) struct Tracked {
     pub(super) stamp: Stamp,
     pub(super) odom_from_base: Se3,
-    /// Motion since the last key frame; of the whole way before the first.
+    /// Motion since the key frame that is followed; of the whole way before the first.
     pub(super) key_from_base: UncertainPose<Se3>,
+    /// Stamp of the cloud that was a key frame, or was found at one, last.
+    pub(super) since: Stamp,
 }
 
 /// All that a [`KeyFrameMapper`](super::KeyFrameMapper) knows: a value that is stored and resumed from (feature `serde`), to the same
@@ -71,6 +73,8 @@ pub struct KeyFrameMap {
     pub(super) graph: PoseGraph<Se3>,
     pub(super) trajectory: Vec<Place>,
     pub(super) tracked: Option<Tracked>,
+    /// Key frame that the motion is told from: the last one, or one that was met again since.
+    pub(super) followed: u32,
     /// Way so far, in metres.
     pub(super) way: f64,
     /// How far off the last key frame may be since the last closure, in metres.
@@ -96,6 +100,7 @@ impl KeyFrameMap {
             graph: PoseGraph::new(),
             trajectory: Vec::new(),
             tracked: None,
+            followed: 0,
             way: 0.0,
             doubt: 0.0,
             pending: Vec::new(),
@@ -110,7 +115,7 @@ impl KeyFrameMap {
         &self.params
     }
 
-    /// The key frames with their corrected poses, `map_from_base`, in the order in which they were met.
+    /// The key frames with their corrected poses, `map_from_base`, in the order in which they were met first.
     pub fn key_frames(&self) -> impl ExactSizeIterator<Item = (&KeyFrame, &Se3)> + '_ {
         self.keys.iter().zip(self.graph.poses())
     }
@@ -136,7 +141,7 @@ impl KeyFrameMap {
     /// Where the vehicle is; the frame of the map before the first cloud.
     pub fn map_from_base(&self) -> Se3 {
         let here = self.tracked.map_or_else(Se3::identity, |tracked| *tracked.key_from_base.mean());
-        self.graph.poses().last().map_or(here, |key| key.compose(&here))
+        self.graph.poses().get(self.followed as usize).map_or(here, |key| key.compose(&here))
     }
 
     /// What to correct the odometry by.

@@ -4,18 +4,23 @@ use super::{
     KeyFrame, KeyFrameMap, KeyFrameParams,
     closures::{CONTRADICTION, Closure, KERNEL, verify},
     drift::{unseen, variances},
+    known::information,
     map::{Place, Tracked},
 };
 use crate::Error;
 use agv_core::{
     check,
     geometry::{LieGroup, Se3, Twist3, UncertainPose},
+    nalgebra::Vector3,
     roles::{LidarOdometryStep, Registration},
     sensors::{ConstantTwist, Deskew, PointCloud, VoxelGrid},
     solve::LevenbergMarquardtParams,
 };
 use agv_filters::graph::{PoseGraphSolver, PoseGraphSolverParams, PoseId, Relation};
-use agv_ndt::places::{PlaceMatch, ScanContext};
+use agv_ndt::{
+    places::{PlaceMatch, ScanContext},
+    preprocess::one_of_every,
+};
 
 /// What the mapper made of a cloud.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -27,6 +32,8 @@ pub struct KeyFrameStep {
     pub map_from_odom: Se3,
     /// The key frame that the cloud became.
     pub key: Option<usize>,
+    /// The older key frame that the cloud was found at, so that it became none itself.
+    pub met: Option<usize>,
     /// Loop closures that were believed with it.
     pub closures: usize,
     /// Whether the poses of the map were corrected, as they are after each closure, and may be with a find that waits for others.
@@ -36,8 +43,9 @@ pub struct KeyFrameStep {
 /// Makes a map of key frames out of lidar odometry, and closes its loops; see the [module](super).
 ///
 /// Key frames follow the odometry's motion: standing still makes none. Clouds with times are straightened by the motion since the last
-/// one. A cloud that becomes a key frame costs a few registrations, and a closure solves the graph; others next to nothing. Memory
-/// grows by [`max_points`](KeyFrameParams::max_points) a key frame at most, and by a pose a cloud. Deterministic, for any number of threads of the parts.
+/// one. A cloud that becomes a key frame, or is found at one, costs a few registrations, and a closure solves the graph; others next to
+/// nothing. Memory grows by [`max_points`](KeyFrameParams::max_points) a key frame at most, and by a pose a cloud; where the vehicle comes by a
+/// place again there is no further key frame ([`reach`](KeyFrameParams::reach)). Deterministic, for any number of threads of the parts.
 ///
 /// ```
 /// use agv_core::{nalgebra::Vector3, roles::LidarOdometry, sensors::PointCloud};
@@ -66,6 +74,15 @@ pub struct KeyFrameMapper<R> {
     registration: R,
     solver: PoseGraphSolver<Se3>,
     scratch: Scratch,
+}
+
+/// What came of looking for a key frame among older ones.
+#[derive(Debug, Clone, Copy, Default)]
+struct Found {
+    /// Closures that are believed and do not contradict the rest; none if no pose was corrected.
+    closures: Option<usize>,
+    /// The one that shows it where an older key frame stands already.
+    known: Option<Closure>,
 }
 
 /// What is written anew for each key frame.
@@ -133,7 +150,7 @@ impl<R: Registration> KeyFrameMapper<R> {
         check::all_finite("odom_from_base", odom_from_base.translation().iter())?;
         check::all_finite("odom_from_base", odom_from_base.rotation().matrix().iter())?;
         let mut twist = None;
-        let mut key_from_base = UncertainPose::exact(odom_from_base);
+        let (mut key_from_base, mut since) = (UncertainPose::exact(odom_from_base), stamp);
         let (mut way, mut doubt) = (self.map.way, self.map.doubt);
         if let Some(last) = &self.map.tracked {
             if stamp < last.stamp {
@@ -143,39 +160,52 @@ impl<R: Registration> KeyFrameMapper<R> {
             let motion = last.odom_from_base.between(&odom_from_base);
             check::all_finite("motion", motion.translation().iter())?;
             twist = velocity(&motion, stamp - last.stamp, cloud);
+            since = last.since;
             key_from_base = last.key_from_base.compose(&self.map.params.drift.of(&motion, step.alignment.as_ref()));
             let moved = motion.translation().norm();
             way += moved;
             doubt += moved * self.map.params.loops.growth.max(unseen(step.alignment.as_ref()).trace().min(1.0));
         }
-        let is_key = self.is_key(&key_from_base, stamp);
+        let is_key = self.is_key(&key_from_base, stamp - since);
         let key = is_key.then(|| self.prepare(cloud, twist)).transpose()?.flatten();
         // Nothing fails from here on but sums that overflow.
-        self.map.tracked = Some(Tracked { stamp, odom_from_base, key_from_base });
+        self.map.tracked = Some(Tracked { stamp, odom_from_base, key_from_base, since });
         (self.map.way, self.map.doubt) = (way, doubt);
-        let number = self.map.keys.len().saturating_sub(1) as u32;
-        self.map.trajectory.push(Place { stamp, key: number, key_from_base: *key_from_base.mean() });
-        let (mut made, mut closures) = (None, None);
+        let followed = self.map.followed;
+        self.map.trajectory.push(Place { stamp, key: followed, key_from_base: *key_from_base.mean() });
+        let (mut made, mut met, mut closures) = (None, None, None);
         if let Some(key) = key {
-            made = Some(self.add(key, &key_from_base)?);
-            closures = self.close_loops()?;
+            let number = self.add(key, &key_from_base)?;
+            let found = self.close_loops();
+            let known = found.as_ref().ok().and_then(|found| found.known);
+            if let Some(closure) = known {
+                self.map.forget_last(&closure, &key_from_base)?;
+                met = Some(closure.from as usize);
+            } else {
+                self.map.keep_last(&self.scratch.context);
+                made = Some(number);
+            }
+            closures = found?.closures;
         }
         Ok(KeyFrameStep {
             map_from_base: self.map.map_from_base(),
             map_from_odom: self.map.map_from_odom(),
             key: made,
+            met,
             closures: closures.unwrap_or(0),
             corrected: closures.is_some(),
         })
     }
 
     /// Whether the vehicle has come far enough for a key frame.
-    fn is_key(&self, key_from_base: &UncertainPose<Se3>, stamp: agv_core::time::Stamp) -> bool {
-        let Some(last) = self.map.keys.last() else { return true };
+    fn is_key(&self, key_from_base: &UncertainPose<Se3>, seconds: f64) -> bool {
+        if self.map.keys.is_empty() {
+            return true;
+        }
         let KeyFrameParams { distance, turn, time, .. } = self.map.params;
         let motion = key_from_base.mean();
         let share = (motion.translation().norm() / distance).max(motion.rotation().log().norm() / turn);
-        let is_late = time.is_some_and(|time| stamp - last.cloud.stamp() >= time);
+        let is_late = time.is_some_and(|time| seconds >= time);
         share >= if is_late { 0.1 } else { 1.0 }
     }
 
@@ -194,27 +224,30 @@ impl<R: Registration> KeyFrameMapper<R> {
         if thinned.len() < min_points {
             return Ok(None);
         }
-        // Evenly, so that no side is blind.
-        let every = thinned.len().div_ceil(max_points);
-        let cloud = PointCloud::from_points(thinned.points().step_by(every)).with_stamp(cloud.stamp());
+        // Evenly, so that no side is blind, and in no step with the order of the cubes.
+        let few = one_of_every(thinned.len().div_ceil(max_points), thinned.len());
+        let (x, y, z) = (thinned.x(), thinned.y(), thinned.z());
+        let cloud = PointCloud::from_points(few.map(|i| Vector3::new(x[i], y[i], z[i]))).with_stamp(cloud.stamp());
         source_grid.filter_into(&cloud, source);
         self.map.places.describe_into(&cloud, context);
         Ok(Some(KeyFrame { cloud, way: 0.0 }))
     }
 
-    /// Makes a key frame a pose of the graph.
+    /// Makes a key frame a pose of the graph, which is not followed yet.
     fn add(&mut self, key: KeyFrame, key_from_base: &UncertainPose<Se3>) -> Result<usize, Error> {
         let map = &mut self.map;
         let number = map.keys.len();
-        let previous = map.graph.poses().last().copied();
+        let previous = map.graph.poses().get(map.followed as usize).copied();
         let here = previous.map_or(*key_from_base.mean(), |key| key.compose(key_from_base.mean()));
         let to = map.graph.add_pose(here)?;
         if previous.is_some() {
             let covariance = key_from_base.covariance() + variances(map.params.drift.floor);
-            let information = Se3::inverse_of(&covariance).unwrap_or_else(agv_core::nalgebra::Matrix6::identity);
-            let information = (information + information.transpose()) * 0.5;
-            let from = PoseId(to.0 - 1);
-            map.graph.add_relation(Relation::new(from, to, *key_from_base.mean(), information))?;
+            let from = PoseId(map.followed);
+            let relation = Relation::new(from, to, *key_from_base.mean(), information(&covariance));
+            if let Err(error) = map.graph.add_relation(relation) {
+                map.graph.pop_pose();
+                return Err(error.into());
+            }
         }
         if previous.is_none() {
             // Places before this one were told from the origin, which this key frame is not.
@@ -222,18 +255,14 @@ impl<R: Registration> KeyFrameMapper<R> {
                 place.key_from_base = here.between(&place.key_from_base);
             }
         }
+        let since = key.cloud.stamp();
         map.keys.push(KeyFrame { way: map.way, ..key });
-        map.places.push(&self.scratch.context);
-        let exact = UncertainPose::exact(Se3::identity());
-        map.tracked = map.tracked.map(|tracked| Tracked { key_from_base: exact, ..tracked });
-        if let Some(place) = map.trajectory.last_mut() {
-            (place.key, place.key_from_base) = (to.0, Se3::identity());
-        }
+        map.tracked = map.tracked.map(|tracked| Tracked { since, ..tracked });
         Ok(number)
     }
 
-    /// Seeks closures of the last key frame; how many are believed and do not contradict the rest, none if no pose was corrected.
-    fn close_loops(&mut self) -> Result<Option<usize>, Error> {
+    /// Seeks closures of the last key frame.
+    fn close_loops(&mut self) -> Result<Found, Error> {
         let mut found: Vec<Closure> = Vec::new();
         let Self { map, registration, scratch, .. } = self;
         let Scratch { source, target, moved, context, matches, .. } = scratch;
@@ -245,13 +274,13 @@ impl<R: Registration> KeyFrameMapper<R> {
                 found.extend(verify(map, registration, source, &candidate, target, moved)?);
             }
         }
-        let Some(closure) = map.unambiguous(&found) else { return Ok(None) };
+        let Some(closure) = map.unambiguous(&found) else { return Ok(Found::default()) };
         let before = map.graph.poses().to_vec();
         let explained = map.explains(&mut self.solver, &closure)?;
         let believed = if explained { map.believed(&closure) } else { Vec::new() };
         if believed.is_empty() {
             // To explain it the graph was solved, which may have gone on where the last solution stopped.
-            return Ok((map.graph.poses() != before).then_some(0));
+            return Ok(Found { closures: (map.graph.poses() != before).then_some(0), known: None });
         }
         for Closure { from, to, from_from_to, information, .. } in &believed {
             let relation = Relation::new(PoseId(*from), PoseId(*to), *from_from_to, *information);
@@ -273,7 +302,8 @@ impl<R: Registration> KeyFrameMapper<R> {
         if believed.iter().any(|closure| closure.is_whole() && is_kept(closure)) {
             self.map.doubt = 0.0;
         }
-        Ok(Some(kept))
+        let known = Some(closure).filter(|closure| is_kept(closure) && self.map.is_known(closure));
+        Ok(Found { closures: Some(kept), known })
     }
 
     /// Moves all poses to where the relations fit best, and takes out closures that contradict the rest.

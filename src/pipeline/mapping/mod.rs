@@ -8,7 +8,9 @@
 //!    ([`ScanContexts`](agv_ndt::places::ScanContexts)), and verifies what it finds by a
 //!    [`Registration`](agv_core::roles::Registration) with the clouds around it,
 //! 3. believes a find that the graph can explain, that others agree with, and that no other find contradicts,
-//! 4. solves the graph, and takes out what contradicts the rest.
+//! 4. solves the graph, and takes out what contradicts the rest,
+//! 5. forgets a key frame that was found right at an older one, and follows that one instead: memory grows with the site, not with the
+//!    way.
 //!
 //! [`KeyFrameMap`] is what it knows, a value: the corrected trajectory, and maps of it by tile.
 //! [`SiteMapper`](crate::pipeline::csns::SiteMapper) is the shorter way where all of a site is in sight of its map.
@@ -18,6 +20,7 @@ mod candidates;
 mod checkpoint;
 mod closures;
 mod drift;
+mod known;
 mod map;
 mod mapper;
 mod params;

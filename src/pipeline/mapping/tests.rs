@@ -74,13 +74,48 @@ fn a_place_that_is_met_again_corrects_the_way() {
         last = Some(made);
     }
     let last = last.unwrap();
-    assert!(closures >= 3 && last.map_from_base.translation().norm() < 0.05, "{closures} {last:?}");
+    // The last find may be two steps ago, each of which the odometry is two centimetres off.
+    assert!(closures >= 3 && last.map_from_base.translation().norm() < 0.06, "{closures} {last:?}");
     assert!((last.map_from_odom.translation().y + 0.36).abs() < 0.06, "{last:?}");
-    assert!(mapper.map().closures().all(|(from, to)| from + 8 <= to));
+    assert!(mapper.map().closures().all(|(from, to)| from < to));
     let cloud = mapper.map().thinned_cloud(0.2).unwrap();
     let walls: Vec<_> = cloud.points().filter(|p| p.z > 0.5 && p.y < -2.8).collect();
     assert!(walls.len() > 300 && walls.iter().all(|p| (p.y + 3.0).abs() < 0.15), "one wall, not two");
     assert!(mapper.map().tiles(VoxelParams::default(), 8).unwrap().loaded().count() >= 4);
+}
+
+/// To and fro day after day: in the end there are no more key frames, relations or finds that wait, and the vehicle is where it is,
+/// however much the odometry errs. With all key frames kept, their number is that of the metres.
+#[test]
+fn a_known_site_gets_no_more_key_frames() {
+    let loops = LoopParams { min_way: 8.0, ..Default::default() };
+    let bounded = KeyFrameParams { loops, ..Default::default() };
+    for params in [bounded, KeyFrameParams { reach: None, ..bounded }] {
+        let mut mapper = mapper(&params);
+        let (start, mut met, mut sizes) = (Se3::from(Se2::new(2.0, 3.0, 0.0)), 0, Vec::new());
+        for i in 0..90_i32 {
+            let x = f64::from((i % 18 - 9).abs());
+            let odometry = Se2::new(x, 0.02 * f64::from(i), 0.0);
+            let seen = seen(&start.compose(&at(x)), f64::from(i));
+            let made = mapper.process(&step(odometry.into()), &seen).unwrap();
+            assert!(made.met.is_none() || made.key.is_none());
+            met += usize::from(made.met.is_some());
+            let off = made.map_from_base.translation() - at(x).translation();
+            assert!(i < 18 || off.norm() < 0.1, "{i}: {off}");
+            if i % 18 == 17 {
+                let map = mapper.map();
+                sizes.push((map.key_frames().len(), map.relations().len(), map.pending.len()));
+            }
+        }
+        if params.reach.is_some() {
+            // Ten places a metre apart, which are met from both sides.
+            assert!(met >= 50 && sizes[4].0 <= 20 && sizes[4] == sizes[3] && sizes[4].2 == 0, "{met} {sizes:?}");
+        } else {
+            assert!(met == 0 && sizes[4].0 == 90, "{met} {sizes:?}");
+        }
+        assert_eq!(mapper.map().trajectory().len(), 90);
+        assert_eq!(mapper.map().places.len(), mapper.map().keys.len());
+    }
 }
 
 /// Of a lidar that is covered at first.
@@ -225,6 +260,7 @@ fn bad_parameters_are_named() {
         KeyFrameParams { distance: 0.0, ..good },
         KeyFrameParams { turn: f64::NAN, ..good },
         KeyFrameParams { time: Some(0.0), ..good },
+        KeyFrameParams { reach: Some(none), ..good },
         KeyFrameParams { min_range: -1.0, ..good },
         KeyFrameParams { min_range: 61.0, ..good },
         KeyFrameParams { max_range: f64::INFINITY, ..good },

@@ -122,6 +122,16 @@ impl<G: LieGroup> PoseGraph<G> {
         Ok(PoseId(id))
     }
 
+    /// Takes the pose that was added last away, with its relations and priors; none of a graph without poses.
+    pub fn pop_pose(&mut self) -> Option<G> {
+        let pose = self.poses.pop()?;
+        self.held.pop();
+        let len = self.poses.len();
+        self.relations.retain(|relation| relation.from.index() < len && relation.to.index() < len);
+        self.priors.retain(|prior| prior.pose.index() < len);
+        Some(pose)
+    }
+
     /// Keeps a pose where it is.
     ///
     /// # Errors

@@ -12,8 +12,8 @@
 use super::kernel::{Block, CHUNK, Frame, LANES, Moved, turn};
 use super::objective::ScoreObjective;
 use super::search::MAX_BLOCKS;
-use super::sparse::is_one_of_every;
 use crate::cells::pack;
+use crate::preprocess::is_one_of_every;
 use crate::registration::Facing;
 use agv_core::geometry::Se3;
 use nalgebra::{Matrix3, Matrix6, Vector3};

@@ -13,7 +13,6 @@ mod params;
 mod planar;
 mod registration;
 mod search;
-mod sparse;
 mod tile;
 mod tiles;
 

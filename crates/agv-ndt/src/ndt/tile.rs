@@ -34,8 +34,8 @@ impl TryFrom<RawTile> for NdtTile {
     fn try_from(RawTile { index, tile_voxels, map }: RawTile) -> Result<Self, Error> {
         check::in_range("tile_voxels", tile_voxels as f64, 1.0, LONGEST as f64)?;
         for (cell, _) in map.voxels() {
-            for (own, expected) in tile_of(cell, tile_voxels).into_iter().zip(index) {
-                check::in_range("tile of a voxel", f64::from(own), f64::from(expected), f64::from(expected))?;
+            if tile_of(cell, tile_voxels) != index {
+                return Err(Error::VoxelOutsideTile { voxel: cell, tile: index });
             }
         }
         Ok(Self { index, tile_voxels, map })
@@ -56,16 +56,12 @@ impl NdtTile {
     /// Adds the points of another part of the same tile, such as one that was unloaded later.
     ///
     /// # Errors
-    /// [`Error::MapMismatch`] for another tile, another edge or other voxels; this one is then as it was.
+    /// [`Error::TileMismatch`] for another tile, [`Error::MapMismatch`] for another edge or other voxels; this one is then as it was.
     pub fn merge(&mut self, part: &Self) -> Result<(), Error> {
         self.map.check_like(&part.map)?;
         check_edges(self.tile_voxels, part.tile_voxels)?;
-        for (name, own, other) in
-            [("tiles along x", self.index[0], part.index[0]), ("tiles along y", self.index[1], part.index[1])]
-        {
-            if own != other {
-                return Err(Error::MapMismatch { name, left: own.into(), right: other.into() });
-            }
+        if self.index != part.index {
+            return Err(Error::TileMismatch { left: self.index, right: part.index });
         }
         for (cell, sums) in part.map.voxels() {
             self.map.merge_voxel(cell, sums);

@@ -81,11 +81,13 @@ impl TryFrom<RawTiles> for NdtTiles {
 
     fn try_from(raw: RawTiles) -> Result<Self, Error> {
         let mut tiles = Self::new(raw.params, raw.tile_voxels)?;
-        for (number, tile) in raw.loaded.into_iter().enumerate() {
+        for tile in raw.loaded {
             check::at_least("voxels of a tile", tile.map.len(), 1)?;
+            let [x, y] = tile.index;
+            if tiles.loaded.contains_key(&tile.index) {
+                return Err(Error::TileNotAway { x, y });
+            }
             tiles.merge_tile(&tile)?;
-            // One that was there already is none the more.
-            check::length("tiles that differ", tiles.loaded.len(), number + 1)?;
         }
         tiles.away = raw.away;
         Ok(tiles)

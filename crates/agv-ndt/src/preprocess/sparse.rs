@@ -7,14 +7,19 @@
 /// 2³² divided by the golden ratio, odd.
 const GOLDEN: u32 = 0x9E37_79B9;
 
-/// An index out of each group of `stride`, below `len`; an incomplete last group may have none.
-pub(super) fn one_of_every(stride: usize, len: usize) -> impl Iterator<Item = usize> {
+/// An index out of each group of `stride`, below `len`, in rising order; an incomplete last group may have none.
+///
+/// ```
+/// let few: Vec<usize> = agv_ndt::preprocess::one_of_every(4, 16).collect();
+/// assert_eq!(few, [0, 6, 8, 15]);
+/// ```
+pub fn one_of_every(stride: usize, len: usize) -> impl Iterator<Item = usize> {
     let stride = stride.max(1);
     (0..len.div_ceil(stride)).map(move |group| group * stride + place(group, stride)).filter(move |&index| index < len)
 }
 
 /// Whether [`one_of_every`] gives this index.
-pub(super) fn is_one_of_every(stride: usize, index: usize) -> bool {
+pub(crate) fn is_one_of_every(stride: usize, index: usize) -> bool {
     index % stride == place(index / stride, stride)
 }
 
