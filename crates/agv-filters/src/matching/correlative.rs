@@ -4,7 +4,8 @@ use super::{
     params::{CorrelativeParams, SearchWindow},
     refine::refine,
     search::{Scratch, search},
-    target::{Squares, Target, end_points, thin_into},
+    squares::{Squares, thin_into},
+    target::{Target, end_points},
     verdict::held,
 };
 use agv_core::{

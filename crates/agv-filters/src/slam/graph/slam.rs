@@ -256,7 +256,7 @@ impl GraphSlam {
         if self.frozen {
             self.follow()?;
         } else if is_far && enough {
-            self.add_key(scan, &mut step)?;
+            self.add_key(scan, points, &mut step)?;
         }
         Ok(step)
     }
@@ -314,10 +314,15 @@ impl GraphSlam {
     }
 
     /// Makes the last scan a pose of the graph.
-    fn add_key(&mut self, scan: &LaserScan, step: &mut SlamStep) -> Result<(), AlignmentError> {
+    fn add_key(
+        &mut self,
+        scan: &LaserScan,
+        points: &[Vector2<f64>],
+        step: &mut SlamStep,
+    ) -> Result<(), AlignmentError> {
         let (from, motion) = (PoseId(self.anchor), self.anchor_from_base);
         let to = self.graph.add_pose(self.map_from_base())?;
-        self.keys.push(KeyScan::new(scan.clone(), self.path, self.drive, &self.params));
+        self.keys.push(KeyScan::with_points(scan.clone(), points, self.path, self.drive));
         let matched = matches!(step.outcome, TrackingOutcome::Matched | TrackingOutcome::Searched)
             .then(|| {
                 // Where there is odometry, it alone says what the match does not see.
