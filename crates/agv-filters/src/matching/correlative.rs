@@ -137,6 +137,13 @@ impl CorrelativeMatcher {
         Ok(result)
     }
 
+    /// Bytes of the target and of the memory of searches.
+    pub fn memory(&self) -> usize {
+        let buffers =
+            self.squares.capacity() * size_of::<(u64, u32)>() + self.points.capacity() * size_of::<Vector2<f64>>();
+        self.target.as_ref().map_or(0, Target::bytes) + self.scratch.bytes() + buffers
+    }
+
     /// Takes points in the target frame as target, which are finite.
     pub(crate) fn set_points(&mut self, points: &[Vector2<f64>]) -> Result<(), Error> {
         self.target = Some(Target::after(&mut self.target, points, &self.params)?);

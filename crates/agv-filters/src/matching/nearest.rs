@@ -14,6 +14,11 @@ pub(super) struct Nearest {
 }
 
 impl Nearest {
+    /// Bytes of its memory.
+    pub(super) const fn bytes(&self) -> usize {
+        self.index.capacity() * size_of::<u32>() + self.squared.capacity() * size_of::<f32>()
+    }
+
     /// The points nearest to the cells of a grid, whose axes are the map's; nothing beyond `reach`.
     pub(super) fn renewed(mut self, points: &[Vector2<f64>], layout: &GridLayout, reach: f64) -> Self {
         self.index.clear();

@@ -40,6 +40,11 @@ impl Pyramid {
         self.made == 0
     }
 
+    /// Bytes of its memory.
+    pub(super) fn bytes(&self) -> usize {
+        self.levels.iter().map(|level| level.values.capacity()).sum()
+    }
+
     /// Nothing is made any more; the memory stays.
     pub(super) const fn clear(&mut self) {
         self.made = 0;

@@ -29,6 +29,15 @@ pub(super) struct Scratch {
     roots: Vec<Square>,
 }
 
+impl Scratch {
+    /// Bytes of it.
+    pub(super) const fn bytes(&self) -> usize {
+        self.rotations.capacity() * size_of::<So2>()
+            + self.cells.capacity() * size_of::<(i32, i32)>()
+            + self.roots.capacity() * size_of::<Square>()
+    }
+}
+
 /// Offsets from (x, y) on, a square of `2^level` each way.
 #[derive(Debug, Clone, Copy)]
 struct Square {

@@ -109,6 +109,12 @@ impl Target {
         &self.pyramid
     }
 
+    /// Bytes of its memory: most of it that of the grids.
+    pub(super) fn bytes(&self) -> usize {
+        let surfaces = self.points.capacity() * size_of::<Surface>();
+        surfaces + self.near.bytes() + self.pyramid.bytes()
+    }
+
     /// The surface nearest to a place.
     #[inline]
     pub(super) fn nearest(&self, place: &Vector2<f64>) -> Option<Surface> {

@@ -1,5 +1,6 @@
 //! Against exhaustive search, and on simulated scans whose poses are known.
 
+mod consistency;
 mod guided;
 
 use super::{
