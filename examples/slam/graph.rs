@@ -46,8 +46,12 @@ impl Method for Graph {
         self.slam.trajectory().map(|(_, pose)| pose).collect()
     }
 
-    fn memory(&self) -> usize {
+    fn kept(&self) -> usize {
         self.slam.memory()
+    }
+
+    fn working(&self) -> usize {
+        self.slam.working_memory()
     }
 
     fn report(&self, report: &mut Report) {

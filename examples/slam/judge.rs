@@ -17,7 +17,8 @@ pub(crate) fn report(drive: &Drive, run: &Run, report: &mut Report) -> Result<()
         .number("scan_ms_p50", run.timings.milliseconds(50.0))
         .number("scan_ms_p99", run.timings.milliseconds(99.0))
         .number("total_s", run.timings.total_milliseconds() / 1e3)
-        .number("memory_mb", run.memory as f64 / 1e6);
+        .number("memory_mb", (run.kept + run.working) as f64 / 1e6)
+        .number("kept_mb", run.kept as f64 / 1e6);
     report.append(&run.figures);
     if !drive.relations.is_empty() {
         let way: Vec<_> = run.way.iter().map(|at| (at.stamp, at.pose)).collect();

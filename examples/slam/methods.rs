@@ -23,8 +23,10 @@ pub(crate) trait Method {
     fn map(&self) -> Result<Grid<CellState>>;
     /// The poses of all scans, in their order.
     fn trajectory(&self) -> Vec<Se2>;
-    /// Bytes of what it keeps.
-    fn memory(&self) -> usize;
+    /// Bytes of what it keeps: all that a stored state holds.
+    fn kept(&self) -> usize;
+    /// Bytes of what it works with beside that.
+    fn working(&self) -> usize;
     /// Figures of its own.
     fn report(&self, report: &mut Report);
 }
@@ -34,7 +36,9 @@ pub(crate) struct Run {
     pub(crate) map: Grid<CellState>,
     pub(crate) way: Vec<StampedPose>,
     pub(crate) timings: Timings,
-    pub(crate) memory: usize,
+    /// Bytes kept, and the most that was worked with beside them.
+    pub(crate) kept: usize,
+    pub(crate) working: usize,
     pub(crate) figures: Report,
 }
 
@@ -44,11 +48,12 @@ pub(crate) fn run(args: &Args, drive: &Drive) -> Result<Run> {
         Kind::Rbpf => Box::new(Particles::new(args.particles, args.common.seed(), args.common.par())?),
         Kind::Graph => Box::new(Graph::new(args.common.par())?),
     };
-    let mut timings = Timings::default();
+    let (mut timings, mut working) = (Timings::default(), 0);
     let progress = Progress::new(drive.entries.len(), "mapping");
     for entry in progress.over(&drive.entries) {
         let odometry = (!args.no_odometry).then_some(&entry.odom_from_base);
         timings.time(|| method.process(&entry.scan, odometry))?;
+        working = working.max(method.working());
     }
     method.finish()?;
     let poses = method.trajectory();
@@ -63,7 +68,8 @@ pub(crate) fn run(args: &Args, drive: &Drive) -> Result<Run> {
         map: method.map()?,
         way: way.map(|(stamp, pose)| StampedPose { stamp, pose }).collect(),
         timings,
-        memory: method.memory(),
+        kept: method.kept(),
+        working,
         figures,
     })
 }

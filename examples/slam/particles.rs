@@ -53,8 +53,12 @@ impl Method for Particles {
         self.slam.trajectory().into_iter().map(|(_, pose)| pose).collect()
     }
 
-    fn memory(&self) -> usize {
+    fn kept(&self) -> usize {
         self.slam.memory_bytes()
+    }
+
+    fn working(&self) -> usize {
+        self.slam.working_memory()
     }
 
     fn report(&self, report: &mut Report) {

@@ -15,7 +15,8 @@
 use super::{
     CorrelativeParams,
     refine::{score_at, sum_up},
-    target::{Target, ThinnedScan, end_points},
+    squares::ThinnedScan,
+    target::{Target, end_points},
     verdict::{End, verdict},
 };
 use agv_core::{

@@ -4,7 +4,8 @@ use super::{
     params::{CorrelativeParams, SearchWindow},
     refine::refine,
     search::{Scratch, search},
-    target::{Squares, Target, end_points, thin_into},
+    squares::{Squares, thin_into},
+    target::{Target, end_points},
     verdict::held,
 };
 use agv_core::{
@@ -134,6 +135,13 @@ impl CorrelativeMatcher {
             result.target_from_source = held(&refined.pose, guess, &result.unobserved);
         }
         Ok(result)
+    }
+
+    /// Bytes of the target and of the memory of searches.
+    pub fn memory(&self) -> usize {
+        let buffers =
+            self.squares.capacity() * size_of::<(u64, u32)>() + self.points.capacity() * size_of::<Vector2<f64>>();
+        self.target.as_ref().map_or(0, Target::bytes) + self.scratch.bytes() + buffers
     }
 
     /// Takes points in the target frame as target, which are finite.

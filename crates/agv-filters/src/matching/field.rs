@@ -16,8 +16,10 @@
 
 use super::{
     CorrelativeParams,
+    nearest::Nearest,
     refine::sum_up,
-    target::{Nearest, REACH, Target, ThinnedScan, end_points, layout_around},
+    squares::ThinnedScan,
+    target::{REACH, Target, end_points, layout_around},
     verdict::{End, verdict},
 };
 use agv_core::{

@@ -40,6 +40,18 @@ impl LineSums {
         self.yy += point.y * point.y;
     }
 
+    /// As [`add`](Self::add) if `counts`, with the same bits, and nothing else; without a branch, for neighbours of which any may be too far.
+    #[inline]
+    pub(crate) fn add_if(&mut self, counts: bool, point: &Vector2<f64>) {
+        let share = f64::from(u8::from(counts));
+        let counted = point * share;
+        self.count += share;
+        self.sum += counted;
+        self.xx += counted.x * counted.x;
+        self.xy += counted.x * counted.y;
+        self.yy += counted.y * counted.y;
+    }
+
     /// The line of least squares; none through less than three points, or where they spread about as far across as along.
     ///
     /// The closed form of the eigenvectors: half of the angle of `(xx - yy, 2 xy)` is the direction of the line.

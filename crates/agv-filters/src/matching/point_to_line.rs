@@ -18,7 +18,8 @@
 use super::{
     CorrelativeParams,
     refine::{NEARLY_AT_REST, sum_up},
-    target::{REACH, Surface, Target, ThinnedScan, end_points},
+    squares::ThinnedScan,
+    target::{REACH, Surface, Target, end_points},
     verdict::{End, verdict},
 };
 use agv_core::{

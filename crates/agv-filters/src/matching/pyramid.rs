@@ -23,7 +23,7 @@ struct Level {
 
 impl Pyramid {
     /// The finest level alone, its cells row by row.
-    pub(super) fn renewed(mut self, width: usize, values: impl Iterator<Item = u8>) -> Self {
+    pub(super) fn renew(&mut self, width: usize, values: impl Iterator<Item = u8>) {
         if self.levels.is_empty() {
             self.levels.push(Level::default());
         }
@@ -33,7 +33,21 @@ impl Pyramid {
         finest.values.extend(values);
         (finest.width, finest.height, finest.before) = (width, finest.values.len() / width.max(1), 0);
         self.made = 1;
-        self
+    }
+
+    /// Whether not even the finest level is made.
+    pub(super) const fn is_empty(&self) -> bool {
+        self.made == 0
+    }
+
+    /// Bytes of its memory.
+    pub(super) fn bytes(&self) -> usize {
+        self.levels.iter().map(|level| level.values.capacity()).sum()
+    }
+
+    /// Nothing is made any more; the memory stays.
+    pub(super) const fn clear(&mut self) {
+        self.made = 0;
     }
 
     /// Makes the levels up to this one, unless they are there.
@@ -92,7 +106,7 @@ mod tests {
             let value = |x: i32, y: i32| {
                 if (0..width).contains(&x) && (0..height).contains(&y) { ((x * 37 + y * 101) % 251) as u8 } else { 0 }
             };
-            pyramid = pyramid.renewed(width as usize, (0..width * height).map(|i| value(i % width, i / width)));
+            pyramid.renew(width as usize, (0..width * height).map(|i| value(i % width, i / width)));
             pyramid.grow(3);
             for level in 0..4 {
                 let span = 1 << level;

@@ -4,7 +4,7 @@
 //! maxima over squares of cells say (Hess et al. 2016, Eqs. 10 to 13); squares that cannot beat the best offset so far are left
 //! out, so that the result is that of trying all.
 
-use super::{params::SearchWindow, target::Target};
+use super::{params::SearchWindow, pyramid::Pyramid, squares::whole, target::Target};
 use agv_core::geometry::{LieGroup, Se2, So2};
 use nalgebra::Vector2;
 
@@ -29,6 +29,15 @@ pub(super) struct Scratch {
     roots: Vec<Square>,
 }
 
+impl Scratch {
+    /// Bytes of it.
+    pub(super) const fn bytes(&self) -> usize {
+        self.rotations.capacity() * size_of::<So2>()
+            + self.cells.capacity() * size_of::<(i32, i32)>()
+            + self.roots.capacity() * size_of::<Square>()
+    }
+}
+
 /// Offsets from (x, y) on, a square of `2^level` each way.
 #[derive(Debug, Clone, Copy)]
 struct Square {
@@ -49,7 +58,7 @@ const MAX_LEVEL: u32 = 7;
 
 /// The search, with what it does not change.
 struct Search<'a> {
-    target: &'a Target,
+    pyramid: &'a Pyramid,
     cells: &'a [(i32, i32)],
     points: usize,
     /// Farthest offset, in cells.
@@ -83,17 +92,17 @@ pub(super) fn search(
     for rotation in &*rotations {
         let turned = Se2::from_parts(guess.translation(), *rotation);
         cells.extend(points.iter().map(|point| {
-            let place = target.layout.to_grid(&turned.act(point)).map(|v| v.floor().clamp(-FAR, FAR));
-            (place.x as i32, place.y as i32)
+            let place = target.layout.to_grid(&turned.act(point)).map(|v| v.clamp(-FAR, FAR));
+            (whole(place.x), whole(place.y))
         }));
     }
 
     let reach = (window.distance / resolution).ceil() as i32;
     let level = (2 * reach + 1).ilog2().min(MAX_LEVEL);
-    target.pyramid.grow(level as usize);
+    let pyramid = target.pyramid(level as usize);
     let floor = (255.0 * floor * points.len() as f64) as u32;
     let nothing = Square { turn: 0, x: 0, y: 0, bound: floor };
-    let mut search = Search { target, cells: &cells[..], points: points.len(), reach, best: nothing, evaluated: 0 };
+    let mut search = Search { pyramid, cells: &cells[..], points: points.len(), reach, best: nothing, evaluated: 0 };
     roots.clear();
     for turn in 0..rotations.len() as u32 {
         for y in (-reach..=reach).step_by(1 << level) {
@@ -120,7 +129,7 @@ impl Search<'_> {
         let first = turn as usize * self.points;
         let values = self.cells[first..first + self.points]
             .iter()
-            .map(|cell| u32::from(self.target.pyramid.at(level as usize, cell.0 + x, cell.1 + y)));
+            .map(|cell| u32::from(self.pyramid.at(level as usize, cell.0 + x, cell.1 + y)));
         Square { turn, x, y, bound: values.sum() }
     }
 

@@ -1,5 +1,6 @@
 //! Against exhaustive search, and on simulated scans whose poses are known.
 
+mod consistency;
 mod guided;
 
 use super::{
@@ -83,7 +84,8 @@ fn the_search_finds_what_trying_all_finds() {
             let cells: Vec<_> =
                 points.iter().map(|point| target.layout.to_grid(&turned.act(point)).map(f64::floor)).collect();
             for (x, y) in (-7..=7).flat_map(|x| (-7..=7).map(move |y| (x, y))) {
-                let value = |cell: &Vector2<f64>| u32::from(target.pyramid.at(0, cell.x as i32 + x, cell.y as i32 + y));
+                let value =
+                    |cell: &Vector2<f64>| u32::from(target.pyramid(0).at(0, cell.x as i32 + x, cell.y as i32 + y));
                 best = best.max(cells.iter().map(value).sum::<u32>());
                 tried += 1;
             }

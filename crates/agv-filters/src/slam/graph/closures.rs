@@ -89,6 +89,12 @@ impl Seeker {
         let matcher = CorrelativeMatcher::new(coarse(params))?;
         Ok(Self { matcher, target: Vec::new(), squares: Squares::new(), points: Vec::new() })
     }
+
+    /// Bytes of its memory.
+    pub(super) fn memory(&self) -> usize {
+        let points = (self.target.capacity() + self.points.capacity()) * size_of::<Vector2<f64>>();
+        self.matcher.memory() + points + size_of_val(self.squares.as_slice())
+    }
 }
 
 /// Key scans, and where they are.

@@ -24,8 +24,12 @@ impl KeyScan {
     pub(super) fn new(scan: LaserScan, path: f64, drive: u32, params: &GraphSlamParams) -> Self {
         let mut points = Vec::new();
         usable_points_into(&scan, params, &mut Squares::new(), &mut points);
-        points.shrink_to_fit();
-        Self { scan, points, path, drive }
+        Self::with_points(scan, &points, path, drive)
+    }
+
+    /// A scan whose usable points are known.
+    pub(super) fn with_points(scan: LaserScan, points: &[Vector2<f64>], path: f64, drive: u32) -> Self {
+        Self { scan, points: points.to_vec(), path, drive }
     }
 }
 

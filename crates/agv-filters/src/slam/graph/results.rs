@@ -1,6 +1,6 @@
 //! What graph SLAM knows: where the vehicle is and was, and the map.
 
-use super::{GraphSlam, GraphSlamParams, key_scan::KeyScan};
+use super::{GraphSlam, GraphSlamParams, closures::Seeker, key_scan::KeyScan, slam::Derived};
 use crate::graph::PoseGraph;
 use agv_core::{
     Error,
@@ -8,6 +8,7 @@ use agv_core::{
     grid::{EvidenceGrid, GridLayout},
     time::Stamp,
 };
+use nalgebra::Vector2;
 
 impl GraphSlam {
     /// Pose of the vehicle in the map, as of the last scan.
@@ -55,8 +56,7 @@ impl GraphSlam {
     }
 
     /// Bytes of what was kept: key scans, graph and trajectory. Grows with the way in new space and with its length, some 3 kB a key
-    /// scan of 180 beams. Without what follows from it and is made anew: the targets of the front end and of closures, which hold the grids of
-    /// what a scan can see, and the solver's memory.
+    /// scan of 180 beams. What follows from it and is made anew is [`working_memory`](Self::working_memory).
     pub fn memory(&self) -> usize {
         let keys: usize = self
             .keys
@@ -65,5 +65,15 @@ impl GraphSlam {
             .sum();
         let graph = size_of_val(self.graph.poses()) + size_of_val(self.graph.relations());
         keys + graph + size_of_val(self.way.as_slice()) + size_of_val(self.pending.as_slice())
+    }
+
+    /// Bytes of what is worked with beside that: the targets of the front end and of closures, which hold the grids of what a few scans
+    /// see. Bounded by the parameters, however long the way. Without the memory of the graph's solver, and without the
+    /// [`map`](Self::map), which the caller owns.
+    pub fn working_memory(&self) -> usize {
+        let Derived { front, seekers, points, target, squares, .. } = &self.derived;
+        let seekers: usize = seekers.iter().map(Seeker::memory).sum();
+        let points = (points.capacity() + target.capacity()) * size_of::<Vector2<f64>>();
+        front.memory() + seekers + points + size_of_val(squares.as_slice())
     }
 }

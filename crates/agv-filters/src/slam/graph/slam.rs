@@ -163,6 +163,9 @@ pub(super) const CLOSURE_KERNEL: RobustKernel = RobustKernel::Huber { scale: 3.0
 /// The pull is greatest at three standard deviations.
 const SLIP_KERNEL: RobustKernel = RobustKernel::GemanMcClure { scale: 5.0 };
 
+/// Each direction that a match does not see counts one: below this it sees all.
+const NEXT_TO_NOTHING: f64 = 1e-6;
+
 impl GraphSlam {
     /// SLAM without a map, on the calling thread.
     ///
@@ -256,7 +259,7 @@ impl GraphSlam {
         if self.frozen {
             self.follow()?;
         } else if is_far && enough {
-            self.add_key(scan, &mut step)?;
+            self.add_key(scan, points, &mut step)?;
         }
         Ok(step)
     }
@@ -314,10 +317,15 @@ impl GraphSlam {
     }
 
     /// Makes the last scan a pose of the graph.
-    fn add_key(&mut self, scan: &LaserScan, step: &mut SlamStep) -> Result<(), AlignmentError> {
+    fn add_key(
+        &mut self,
+        scan: &LaserScan,
+        points: &[Vector2<f64>],
+        step: &mut SlamStep,
+    ) -> Result<(), AlignmentError> {
         let (from, motion) = (PoseId(self.anchor), self.anchor_from_base);
         let to = self.graph.add_pose(self.map_from_base())?;
-        self.keys.push(KeyScan::new(scan.clone(), self.path, self.drive, &self.params));
+        self.keys.push(KeyScan::with_points(scan.clone(), points, self.path, self.drive));
         let matched = matches!(step.outcome, TrackingOutcome::Matched | TrackingOutcome::Searched)
             .then(|| {
                 // Where there is odometry, it alone says what the match does not see.
@@ -332,7 +340,9 @@ impl GraphSlam {
         if let Some(driven) = self.since_key {
             let information = self.params.odometry.information(&driven);
             let relation = Relation::new(from, to, driven.motion, information);
-            self.graph.add_relation(if matched.is_some() { relation.with_kernel(SLIP_KERNEL) } else { relation })?;
+            // Odometry is let go only where the match stands in for all of it: along a corridor it is all that there is.
+            let is_spare = matched.is_some() && step.alignment.unobserved.trace() < NEXT_TO_NOTHING;
+            self.graph.add_relation(if is_spare { relation.with_kernel(SLIP_KERNEL) } else { relation })?;
         } else if matched.is_none() {
             let information = super::params::information(UNKNOWN_MOTION);
             self.graph.add_relation(Relation::new(from, to, motion, information))?;

@@ -64,7 +64,7 @@ pub struct Rbpf<M> {
     beams: Beams,
     proposed: Vec<Proposed>,
     log_weights: Vec<f64>,
-    scratch: Vec<Scratch>,
+    pub(super) scratch: Vec<Scratch>,
     /// Where a new set is put together; empty between.
     spare: (Vec<TileMap>, Vec<f64>),
 }

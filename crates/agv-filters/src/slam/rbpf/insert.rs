@@ -7,7 +7,7 @@
 use super::{
     beams::Beams,
     map::{TileMap, TileRect},
-    tile::TILE_BITS,
+    tile::{TILE_BITS, Tile},
     view::{AROUND, View, ViewMemory},
 };
 use crate::matching::LineSums;
@@ -23,6 +23,13 @@ pub(super) struct Scratch {
     pub(super) view: ViewMemory,
     /// Cells in which beams ended, and the normals there.
     hits: Vec<(Cell, Vector2<f64>)>,
+}
+
+impl Scratch {
+    /// Bytes of it.
+    pub(super) const fn bytes(&self) -> usize {
+        self.view.capacity() * size_of::<Option<&Tile>>() + self.hits.capacity() * size_of::<(Cell, Vector2<f64>)>()
+    }
 }
 
 /// Inserts a scan taken at `pose`; there must be room for all that it reaches.

@@ -2,7 +2,9 @@
 
 use super::{
     filter::Rbpf,
+    insert::Scratch,
     map::{TileMap, layout_of, rect_of},
+    scan_odometry::ScanOdometry,
 };
 use agv_core::{
     Error,
@@ -96,8 +98,8 @@ impl<M> Rbpf<M> {
         Grid::new(layout, sums.values().iter().map(state).collect())
     }
 
-    /// Bytes of all maps and trajectories; what is shared counts once. Without the particles' poses, and the few scans and the target that
-    /// [scan odometry](super::RbpfParams::scan_odometry) keeps.
+    /// Bytes of all maps and trajectories; what is shared counts once. What updates are worked out with is
+    /// [`working_memory`](Self::working_memory).
     pub fn memory_bytes(&self) -> usize {
         let (mut known, mut bytes) = (HashSet::new(), self.belief.tree.bytes());
         for map in &self.belief.maps {
@@ -110,5 +112,13 @@ impl<M> Rbpf<M> {
         bytes
             + self.belief.seen.capacity() * size_of::<super::filter::Seen>()
             + self.belief.steps.capacity() * size_of::<Se2>()
+    }
+
+    /// Bytes of what is worked with beside the maps: the few scans and the target of
+    /// [scan odometry](super::RbpfParams::scan_odometry), and what particles see of their maps. Bounded by the parameters, however large the
+    /// maps.
+    pub fn working_memory(&self) -> usize {
+        let matching = self.scan_odometry.as_ref().map_or(0, ScanOdometry::memory);
+        matching + self.scratch.iter().map(Scratch::bytes).sum::<usize>()
     }
 }

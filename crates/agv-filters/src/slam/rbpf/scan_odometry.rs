@@ -76,6 +76,12 @@ impl ScanOdometry {
         }
     }
 
+    /// Bytes of the scans and of the target.
+    pub(super) fn memory(&self) -> usize {
+        let scans: usize = self.recent.iter().map(|(_, scan)| size_of_val(scan.ranges())).sum();
+        scans + self.recent.capacity() * size_of::<(Se2, LaserScan)>() + self.matcher.memory()
+    }
+
     /// Forgets all scans.
     pub(super) fn clear(&mut self) {
         self.recent.clear();

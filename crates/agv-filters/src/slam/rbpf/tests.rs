@@ -270,6 +270,9 @@ fn memory_is_that_of_the_differences() {
         slam.update(&steps[0].scan).unwrap();
     }
     assert!(slam.memory_bytes() < one.memory_bytes() + particles * 64, "one scan: {}", slam.memory_bytes());
+    // The ranges and the target of one scan, of which all particles together have one.
+    let working = one.working_memory();
+    assert!(working > 181 * 4 && slam.working_memory() < working + particles * 10_000, "{working}");
 
     let address = |map: &TileMap| {
         let mut first = None;
