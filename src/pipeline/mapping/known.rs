@@ -1,8 +1,8 @@
 //! Places that are known already: a key frame that was found at an older one, as near as that, is not kept.
 //!
 //! What it said is: the way there and the find, one after the other, relate the key frame that was followed with the one that was found.
-//! Taking a pose with two relations out of a graph like that loses nothing of them (to first order). Where the two were related
-//! before, the way there is forgotten: a site that is driven through day after day has the key frames of its places, and their
+//! The find serves twice, for that relation and for the way on from the key frame that was met, as if it were two: both are a little too
+//! sure of it. Where the two were related before, the way there is forgotten: a site that is driven through day after day has the key frames of its places, and their
 //! relations, and no more.
 
 use super::{
@@ -24,6 +24,8 @@ impl KeyFrameMap {
             && self.params.reach.is_some_and(|reach| {
                 off.translation().norm() <= reach.translation && off.rotation().log().norm() <= reach.rotation
             })
+            // Before anything is taken away.
+            && found(closure).is_ok()
     }
 
     /// Keeps the last key frame, and follows it.

@@ -79,6 +79,8 @@ pub(super) struct Derived {
     /// Sightings that found a landmark, with its key.
     pub(super) matched: Vec<(usize, u32)>,
     pub(super) constraints: Vec<Constraint>,
+    /// Sightings without a name, each with the key of every landmark that it is not surely not of.
+    pub(super) near: Vec<(usize, u32)>,
 }
 
 /// Probability with which a sighting passes whose landmark is known.
@@ -100,6 +102,7 @@ impl LandmarkSlam {
             pairs: Vec::new(),
             matched: Vec::new(),
             constraints: Vec::new(),
+            near: Vec::new(),
         };
         Ok(Self { params, state: SlamState::new(params.range_scale_sigma), waiting: Vec::new(), next: 0, derived })
     }
@@ -216,6 +219,7 @@ impl LandmarkSlam {
     /// Sightings that do not; those that pass no gate are of new landmarks.
     fn find_unknown(&mut self, sightings: &[LandmarkSighting]) {
         self.derived.associator.candidates.clear();
+        self.derived.near.clear();
         for (s, sighting) in sightings.iter().enumerate().filter(|(_, sighting)| sighting.id.is_none()) {
             let first = self.derived.associator.candidates.len();
             let mut near = sighting.place(0.0).is_none();
@@ -231,7 +235,10 @@ impl LandmarkSlam {
                 let Some((square, cost)) = distance(&constraint.residual, &covariance, constraint.rows) else {
                     continue;
                 };
-                near |= square <= self.derived.novelty_gate.limit(constraint.rows);
+                if square <= self.derived.novelty_gate.limit(constraint.rows) {
+                    near = true;
+                    self.derived.near.push((s, self.state.points[index].key));
+                }
                 if square <= self.derived.associator.limit(constraint.rows) {
                     let candidate = Candidate { sighting: s, index, constraint, cost };
                     self.derived.associator.candidates.push(candidate);

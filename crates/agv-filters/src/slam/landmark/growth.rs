@@ -43,11 +43,13 @@ impl LandmarkSlam {
         Some(Point { key, place, kind })
     }
 
+    fn is_mapped(&self, wanted: u32) -> bool {
+        self.state.points.iter().any(|point| matches!(point.kind, PointKind::Landmark { id, .. } if id == Some(wanted)))
+    }
+
     fn add_seen(&mut self, sighting: &LandmarkSighting) -> Option<u32> {
         // One that was added by this very update is not added again.
-        let twin =
-            |point: &&Point| matches!(point.kind, PointKind::Landmark { id: Some(id), .. } if sighting.id == Some(id));
-        if self.state.points.iter().any(|point| twin(&point)) {
+        if sighting.id.is_some_and(|id| self.is_mapped(id)) {
             return None;
         }
         let (seen, noise) = sighting.place(self.state.scale)?;
@@ -59,6 +61,10 @@ impl LandmarkSlam {
             _ => Vector2::zeros(),
         };
         self.state.add_landmark(point, &sighting.base_from_sensor, &noise, &by_scale);
+        // It tells more than the ranges that waited for the place.
+        if let Some(slot) = self.waiting.iter().position(|waiting| Some(waiting.id) == sighting.id) {
+            self.release(slot);
+        }
         Some(point.key)
     }
 
@@ -71,6 +77,10 @@ impl LandmarkSlam {
         variance: f64,
         update: &mut LandmarkUpdate,
     ) -> SightingOutcome {
+        // Another range of this very update has settled it.
+        if self.is_mapped(id) {
+            return SightingOutcome::Rejected;
+        }
         let place = self.state.map_from_base.compose(base_from_sensor).translation();
         let slot = self.waiting.iter().position(|waiting| waiting.id == id).unwrap_or_else(|| {
             self.waiting.push(Waiting::new(id, self.params.range_start.spacing));
@@ -110,13 +120,17 @@ impl LandmarkSlam {
             self.state.remove(self.state.points.len() - 1);
             return None;
         }
-        let waiting = self.waiting.remove(slot);
-        for kept in &waiting.ranges {
+        self.release(slot);
+        Some(point.key)
+    }
+
+    /// Lets go of ranges that wait no longer, and of where they were taken.
+    fn release(&mut self, slot: usize) {
+        for kept in &self.waiting.remove(slot).ranges {
             if let Some(index) = self.state.index_of(kept.anchor) {
                 self.state.remove(index);
             }
         }
-        Some(point.key)
     }
 
     /// Lets go of every other range.
@@ -134,7 +148,8 @@ impl LandmarkSlam {
         });
     }
 
-    /// Counts landmarks that ought to have been seen, and forgets those that are not believed.
+    /// Counts landmarks that ought to have been seen, and forgets those that are not believed. One that a doubtful sighting may be of
+    /// is not counted.
     pub(super) fn forget_missed(&mut self, update: &mut LandmarkUpdate) {
         let Some(view) = self.params.view else { return };
         let mut index = 0;
@@ -146,9 +161,14 @@ impl LandmarkSlam {
                 self.derived.outcomes.iter().any(
                     |outcome| matches!(outcome, SightingOutcome::Matched(k) | SightingOutcome::Added(k) if *k == key),
                 );
+            let may_be_seen = self
+                .derived
+                .near
+                .iter()
+                .any(|&(s, k)| LandmarkKey(k) == key && self.derived.outcomes[s] == SightingOutcome::Ambiguous);
             if let PointKind::Landmark { sightings, misses, .. } = &mut self.state.points[index].kind
                 && in_view
-                && !was_seen
+                && !(was_seen || may_be_seen)
             {
                 *misses = misses.saturating_add(1);
                 if *sightings < self.params.confirmations && *misses > self.params.patience {

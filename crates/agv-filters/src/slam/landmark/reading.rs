@@ -18,6 +18,9 @@ use std::ops::RangeInclusive;
 /// Longest motion and farthest sighting, in metres: beyond, the numbers have no meaning.
 pub(super) const LARGEST: f64 = 1e6;
 
+/// Least variance of a sighting, in m² and in rad²: what is surer than a nanometre weighs as much as all else together.
+const LEAST: f64 = 1e-18;
+
 /// Shares by which ranges may be too long.
 pub(super) const SCALES: RangeInclusive<f64> = -0.9..=10.0;
 
@@ -85,21 +88,22 @@ impl LandmarkSighting {
         }
         check::in_range("distance of the mount", self.base_from_sensor.translation().norm(), 0.0, LARGEST)?;
         let name = "covariance of a sighting";
-        let (distance, variance) = match &self.reading {
+        let (distance, least, variance) = match &self.reading {
             LandmarkReading::RangeBearing(v) => {
                 check::positive_definite(name, v.covariance())?;
-                (v.mean().x, v.covariance().trace())
+                (v.mean().x, v.covariance().diagonal().min(), v.covariance().trace())
             }
             LandmarkReading::Place(v) => {
                 check::positive_definite(name, v.covariance())?;
-                (v.mean().norm(), v.covariance().trace())
+                (v.mean().norm(), v.covariance().diagonal().min(), v.covariance().trace())
             }
             LandmarkReading::Range(v) => {
                 check::positive_definite(name, v.covariance())?;
-                (v.mean().x, v.covariance().trace())
+                (v.mean().x, v.covariance().diagonal().min(), v.covariance().trace())
             }
         };
         check::in_range("distance of a sighting", distance, 0.0, LARGEST)?;
+        check::in_range("least variance of a sighting", least, LEAST, LARGEST * LARGEST)?;
         check::in_range("variance of a sighting", variance, 0.0, LARGEST * LARGEST).map(|_| ())
     }
 

@@ -279,6 +279,7 @@ fn bad_input_is_refused_and_changes_nothing() {
         LandmarkSighting::new(Some(1), LandmarkReading::range(1.0, 0.0).unwrap()),
         LandmarkSighting::new(Some(1), LandmarkReading::range(1e200, 0.1).unwrap()),
         LandmarkSighting::new(Some(1), LandmarkReading::range(1.0, 1e100).unwrap()),
+        LandmarkSighting::new(Some(1), LandmarkReading::range(1.0, 1e-160).unwrap()),
         good.with_mount(Se2::new(1e200, 0.0, 0.0)),
     ] {
         assert!(slam.update(&[good, bad]).is_err(), "{bad:?}");

@@ -59,6 +59,51 @@ fn one_post_that_may_be_either_tells_nothing() {
     assert_eq!([matched(0.0, 1), matched(9.21, 1), matched(9.21, 2)], [1, 0, 2]);
 }
 
+/// What may have been seen each time is not forgotten for not having been seen.
+#[test]
+fn doubtful_looks_are_no_misses() {
+    let posts = [Vector2::new(5.0, 0.0), Vector2::new(5.0, 1.0)];
+    let view = Some(SensorView { range: 10.0, half_angle: 3.0 });
+    let mut slam = LandmarkSlam::new(LandmarkSlamParams { view, ..Default::default() }).unwrap();
+    slam.update(&posts.map(|post| place(None, &Se2::default(), post, 1e-4))).unwrap();
+    slam.predict(&motion(Se2::default(), [0.5, 0.5, 0.01])).unwrap();
+    for _ in 0..20 {
+        let update = slam.update(&[place(None, &Se2::new(0.0, 0.3, 0.0), posts[0], 1e-4)]).unwrap();
+        assert_eq!((update.matched, update.left_out, update.removed), (0, 1, 0));
+    }
+    // Nothing is seen at all.
+    assert_eq!((0..20).map(|_| slam.update(&[]).unwrap().removed).sum::<usize>(), 2);
+}
+
+/// Ranges that wait for their beacon's place are let go when something tells it, and none begin to wait that are of a place that is known.
+#[test]
+fn no_range_waits_for_a_place_that_is_known() {
+    let beacon = Vector2::new(4.0, 3.0);
+    let mut slam = LandmarkSlam::new(LandmarkSlamParams::default()).unwrap();
+    for _ in 0..3 {
+        let range = (beacon - slam.map_from_base().translation()).norm();
+        slam.update(&[LandmarkSighting::new(Some(7), LandmarkReading::range(range, 0.1).unwrap())]).unwrap();
+        slam.predict(&motion(Se2::new(0.5, 0.0, 0.0), [0.01, 0.01, 0.001])).unwrap();
+    }
+    assert!(slam.waiting.len() == 1 && !slam.state.points.is_empty());
+    slam.update(&[place(Some(7), &slam.map_from_base(), beacon, 1e-2)]).unwrap();
+    assert!(slam.waiting.is_empty() && slam.state.points.len() == 1, "no anchor is left behind");
+
+    // Two antennas a step apart, one of which settles the place.
+    let mut slam = LandmarkSlam::new(LandmarkSlamParams::default()).unwrap();
+    for step in 0..80 {
+        let pose = Se2::exp(&(Vector3::new(0.25, 0.0, 0.06) * f64::from(step)));
+        let ranges = [-0.4, 0.4].map(|ahead| {
+            let mount = Se2::new(ahead, 0.0, 0.0);
+            let range = (beacon - pose.compose(&mount).translation()).norm();
+            LandmarkSighting::new(Some(7), LandmarkReading::range(range, 0.05).unwrap()).with_mount(mount)
+        });
+        slam.update(&ranges).unwrap();
+        slam.predict(&motion(Se2::exp(&Vector3::new(0.25, 0.0, 0.06)), [0.01, 0.01, 0.001])).unwrap();
+    }
+    assert!(slam.waiting.is_empty() && slam.state.points.len() == 1, "no anchor is left behind");
+}
+
 /// A lidar ahead and one behind, with one stamp.
 #[test]
 fn updates_without_a_motion_share_a_pose() {
