@@ -7,7 +7,7 @@
 //!    lines first, an exhaustive search of a window where that does not fit.
 //! 2. *Key scans.* Every third of a metre or so a scan is kept as a pose of the graph, related to the one before by the match and by
 //!    odometry, each with its covariance; along a corridor that the match does not see, odometry alone counts where there is any, and
-//!    wheels that slip far beyond what they are trusted with pull next to nothing.
+//!    where the match stands in for it, wheels that slip far beyond what they are trusted with pull next to nothing.
 //! 3. *Loop closures.* A key scan is sought in groups of older ones around it by branch and bound, on wider cells than the front end's.
 //!    What is found counts at once where the graph expected it; elsewhere it waits for others, of key scans a metre apart, that agree
 //!    with it and with each other (the pairwise consistency of Mangelson et al., 2018, with sets gathered one by one from each that

@@ -163,8 +163,8 @@ pub(super) const CLOSURE_KERNEL: RobustKernel = RobustKernel::Huber { scale: 3.0
 /// The pull is greatest at three standard deviations.
 const SLIP_KERNEL: RobustKernel = RobustKernel::GemanMcClure { scale: 5.0 };
 
-/// Each direction that a match does not see counts one: below this it sees all.
-const NEXT_TO_NOTHING: f64 = 1e-6;
+/// A match stands in for odometry if it is worth this share of it in every direction: at most twice its deviation.
+const STAND_IN: f64 = 0.25;
 
 impl GraphSlam {
     /// SLAM without a map, on the calling thread.
@@ -341,7 +341,7 @@ impl GraphSlam {
             let information = self.params.odometry.information(&driven);
             let relation = Relation::new(from, to, driven.motion, information);
             // Odometry is let go only where the match stands in for all of it: along a corridor it is all that there is.
-            let is_spare = matched.is_some() && step.alignment.unobserved.trace() < NEXT_TO_NOTHING;
+            let is_spare = matched.is_some_and(|seen| (seen - information * STAND_IN).cholesky().is_some());
             self.graph.add_relation(if is_spare { relation.with_kernel(SLIP_KERNEL) } else { relation })?;
         } else if matched.is_none() {
             let information = super::params::information(UNKNOWN_MOTION);
