@@ -240,9 +240,10 @@ impl LandmarkGraphSlam {
     /// # Errors
     /// Those of [`LandmarkGraphSolver::optimize`].
     pub fn optimize(&mut self) -> Result<LeastSquaresReport, Error> {
-        self.since = 0;
         self.graph.set_range_scale(self.front.range_scale().0)?;
-        self.solver.optimize(&mut self.graph)
+        let report = self.solver.optimize(&mut self.graph)?;
+        self.since = 0;
+        Ok(report)
     }
 
     /// Corrects the graph, and makes landmarks one that are one, until none are left; how many those were. Two are if neither could be
@@ -265,7 +266,13 @@ impl LandmarkGraphSlam {
                 self.of_key.values_mut().filter(|landmark| **landmark == one).for_each(|landmark| *landmark = into);
             }
             let limit = chi_square_quantile(2.0 * pairs.len() as f64, self.params.merge_probability)?;
-            let with = self.optimize()?.cost;
+            let with = match self.optimize() {
+                Ok(report) => report.cost,
+                Err(error) => {
+                    (self.graph, self.of_key) = before;
+                    return Err(error);
+                }
+            };
             if 2.0 * (with - cost) <= limit {
                 (merged, cost) = (merged + pairs.len(), with);
                 continue;

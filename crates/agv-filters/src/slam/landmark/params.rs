@@ -140,7 +140,8 @@ pub struct LandmarkSlamParams {
 }
 
 impl Default for LandmarkSlamParams {
-    /// Joint compatibility with gates of 99 % and of one in a million, and rivals that are a hundred times less likely (9.21 = 2 ln 100);
+    /// Joint compatibility with gates of 99 % and of one in a million, and rivals that are farther by 9.21 = 2 ln 100, a
+    /// hundred times less likely if they are as uncertain;
     /// three sightings make a landmark.
     fn default() -> Self {
         Self {

@@ -24,6 +24,12 @@ const LEAST: f64 = 1e-18;
 /// Shares by which ranges may be too long.
 pub(super) const SCALES: RangeInclusive<f64> = -0.9..=10.0;
 
+/// The least variance of a reading, and their sum.
+fn variances<const N: usize>(covariance: &SMatrix<f64, N, N>) -> Result<[f64; 2], Error> {
+    check::positive_definite("covariance of a sighting", covariance)?;
+    Ok([covariance.diagonal().min(), covariance.trace()])
+}
+
 /// What a sensor measures of a landmark, with its covariance.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[cfg_attr(feature = "serde", derive(serde::Serialize, serde::Deserialize))]
@@ -87,20 +93,10 @@ impl LandmarkSighting {
             return Err(Error::NotFinite { name: "mount", value: f64::NAN });
         }
         check::in_range("distance of the mount", self.base_from_sensor.translation().norm(), 0.0, LARGEST)?;
-        let name = "covariance of a sighting";
-        let (distance, least, variance) = match &self.reading {
-            LandmarkReading::RangeBearing(v) => {
-                check::positive_definite(name, v.covariance())?;
-                (v.mean().x, v.covariance().diagonal().min(), v.covariance().trace())
-            }
-            LandmarkReading::Place(v) => {
-                check::positive_definite(name, v.covariance())?;
-                (v.mean().norm(), v.covariance().diagonal().min(), v.covariance().trace())
-            }
-            LandmarkReading::Range(v) => {
-                check::positive_definite(name, v.covariance())?;
-                (v.mean().x, v.covariance().diagonal().min(), v.covariance().trace())
-            }
+        let (distance, [least, variance]) = match &self.reading {
+            LandmarkReading::RangeBearing(v) => (v.mean().x, variances(v.covariance())?),
+            LandmarkReading::Place(v) => (v.mean().norm(), variances(v.covariance())?),
+            LandmarkReading::Range(v) => (v.mean().x, variances(v.covariance())?),
         };
         check::in_range("distance of a sighting", distance, 0.0, LARGEST)?;
         check::in_range("least variance of a sighting", least, LEAST, LARGEST * LARGEST)?;
