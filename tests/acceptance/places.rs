@@ -67,7 +67,7 @@ fn rates(answers: &[Answer], limit: f32) -> [f64; 3] {
     [right / count(&taken).max(1.0), right / count(&|answer| answer.known), unseen]
 }
 
-/// With goods on the racks three of four places are recognised at the distance up to which loops are sought. Looks alone tell less in
+/// Three of four places are recognised at the distance up to which loops are sought. Looks alone tell less in
 /// empty racks, which repeat, and hardly tell a place that nobody has seen: which is why every find is verified.
 #[test]
 fn precision_and_recall_over_seeds() {
@@ -82,7 +82,9 @@ fn precision_and_recall_over_seeds() {
             let [precision, recall, unseen] = rates(&answers, limit);
             println!("distance {limit}: precision {precision:.3}, recall {recall:.3}, unseen taken {unseen:.3}");
         }
-        let [_, recall, _] = rates(&answers, LoopParams::default().max_distance as f32);
-        assert!(fill == 0.0 || recall >= 0.75, "{recall}");
+        // Some six deviations of shares of 600 below what these factories gave; by chance it would be one in twenty.
+        let [precision, recall, _] = rates(&answers, LoopParams::default().max_distance as f32);
+        let least = if fill > 0.0 { [0.54, 0.71] } else { [0.5, 0.65] };
+        assert!(precision > least[0] && recall > least[1], "fill {fill}: {precision} {recall}");
     }
 }

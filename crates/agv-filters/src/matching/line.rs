@@ -89,6 +89,19 @@ mod tests {
     }
 
     proptest! {
+        #[test]
+        fn what_does_not_count_is_as_if_it_were_not_there(
+            places in prop::collection::vec((any::<bool>(), -1.0..1.0_f64, -1.0..1.0_f64), 0..20)
+        ) {
+            let mut some = LineSums::default();
+            for &(counts, x, y) in &places {
+                some.add_if(counts, &Vector2::new(x, y));
+            }
+            let counted: Vec<_> = places.iter().filter(|p| p.0).map(|&(_, x, y)| Vector2::new(x, y)).collect();
+            let bits = |sums: &LineSums| [sums.count, sums.sum.x, sums.sum.y, sums.xx, sums.xy, sums.yy].map(f64::to_bits);
+            prop_assert_eq!(bits(&some), bits(&sums(&counted)));
+        }
+
         /// Against the eigenvectors of the points' covariance.
         #[test]
         fn the_normal_is_the_direction_of_least_variance(
