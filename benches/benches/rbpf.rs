@@ -66,7 +66,7 @@ fn rbpf(c: &mut Criterion) {
         let update = once.update(&last.1).expect("near");
         let off = start.between(&once.map_from_base()).translation().norm();
         assert!(update.skipped.is_none() && update.matched == particles && off < 0.15, "{update:?} {off}");
-        println!("{particles} particles, {beams} beams: {:.1} MB", once.memory_bytes() as f64 / 1e6);
+        println!("{particles} particles, {beams} beams: {:.1} MB", once.memory() as f64 / 1e6);
 
         let name = format!("{particles} particles, {beams} beams");
         group.throughput(Throughput::Elements(particles as u64));

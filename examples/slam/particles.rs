@@ -54,7 +54,7 @@ impl Method for Particles {
     }
 
     fn kept(&self) -> usize {
-        self.slam.memory_bytes()
+        self.slam.memory()
     }
 
     fn working(&self) -> usize {

@@ -4,7 +4,7 @@ use super::{
     params::{CorrelativeParams, SearchWindow},
     refine::refine,
     search::{Scratch, search},
-    squares::{Squares, thin_into},
+    squares::{Squares, room_of, thin_into},
     target::{Target, end_points},
     verdict::held,
 };
@@ -138,10 +138,11 @@ impl CorrelativeMatcher {
     }
 
     /// Bytes of the target and of the memory of searches.
-    pub fn memory(&self) -> usize {
-        let buffers =
-            self.squares.capacity() * size_of::<(u64, u32)>() + self.points.capacity() * size_of::<Vector2<f64>>();
-        self.target.as_ref().map_or(0, Target::bytes) + self.scratch.bytes() + buffers
+    pub(crate) fn memory(&self) -> usize {
+        self.target.as_ref().map_or(0, Target::memory)
+            + self.scratch.memory()
+            + room_of(&self.squares)
+            + room_of(&self.points)
     }
 
     /// Takes points in the target frame as target, which are finite.

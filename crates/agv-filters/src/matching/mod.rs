@@ -36,4 +36,4 @@ pub use field::{FieldMatcher, FieldMatcherParams};
 pub(crate) use line::LineSums;
 pub use params::{CorrelativeParams, SearchWindow};
 pub use point_to_line::{PointToLineMatcher, PointToLineParams};
-pub(crate) use squares::{Squares, thin_into};
+pub(crate) use squares::{Squares, room_of, thin_into};

@@ -1,5 +1,6 @@
 //! For the cells around some points, which of these is nearest: a look-up that is made by stamping each point onto its surroundings.
 
+use super::squares::room_of;
 use agv_core::grid::GridLayout;
 use nalgebra::Vector2;
 
@@ -15,8 +16,8 @@ pub(super) struct Nearest {
 
 impl Nearest {
     /// Bytes of its memory.
-    pub(super) const fn bytes(&self) -> usize {
-        self.index.capacity() * size_of::<u32>() + self.squared.capacity() * size_of::<f32>()
+    pub(super) const fn memory(&self) -> usize {
+        room_of(&self.index) + room_of(&self.squared)
     }
 
     /// The points nearest to the cells of a grid, whose axes are the map's; nothing beyond `reach`.

@@ -41,7 +41,7 @@ impl Pyramid {
     }
 
     /// Bytes of its memory.
-    pub(super) fn bytes(&self) -> usize {
+    pub(super) fn memory(&self) -> usize {
         self.levels.iter().map(|level| level.values.capacity()).sum()
     }
 

@@ -4,7 +4,12 @@
 //! maxima over squares of cells say (Hess et al. 2016, Eqs. 10 to 13); squares that cannot beat the best offset so far are left
 //! out, so that the result is that of trying all.
 
-use super::{params::SearchWindow, pyramid::Pyramid, squares::whole, target::Target};
+use super::{
+    params::SearchWindow,
+    pyramid::Pyramid,
+    squares::{room_of, whole},
+    target::Target,
+};
 use agv_core::geometry::{LieGroup, Se2, So2};
 use nalgebra::Vector2;
 
@@ -26,21 +31,19 @@ pub(super) struct Scratch {
     rotations: Vec<So2>,
     /// Cells of all points of each turn.
     cells: Vec<(i32, i32)>,
-    roots: Vec<Square>,
+    roots: Vec<Offsets>,
 }
 
 impl Scratch {
     /// Bytes of it.
-    pub(super) const fn bytes(&self) -> usize {
-        self.rotations.capacity() * size_of::<So2>()
-            + self.cells.capacity() * size_of::<(i32, i32)>()
-            + self.roots.capacity() * size_of::<Square>()
+    pub(super) const fn memory(&self) -> usize {
+        room_of(&self.rotations) + room_of(&self.cells) + room_of(&self.roots)
     }
 }
 
 /// Offsets from (x, y) on, a square of `2^level` each way.
 #[derive(Debug, Clone, Copy)]
-struct Square {
+struct Offsets {
     turn: u32,
     x: i32,
     y: i32,
@@ -63,7 +66,7 @@ struct Search<'a> {
     points: usize,
     /// Farthest offset, in cells.
     reach: i32,
-    best: Square,
+    best: Offsets,
     evaluated: usize,
 }
 
@@ -101,7 +104,7 @@ pub(super) fn search(
     let level = (2 * reach + 1).ilog2().min(MAX_LEVEL);
     let pyramid = target.pyramid(level as usize);
     let floor = (255.0 * floor * points.len() as f64) as u32;
-    let nothing = Square { turn: 0, x: 0, y: 0, bound: floor };
+    let nothing = Offsets { turn: 0, x: 0, y: 0, bound: floor };
     let mut search = Search { pyramid, cells: &cells[..], points: points.len(), reach, best: nothing, evaluated: 0 };
     roots.clear();
     for turn in 0..rotations.len() as u32 {
@@ -124,17 +127,17 @@ pub(super) fn search(
 impl Search<'_> {
     /// A square with the bound of its scores; at level zero that is the score.
     #[inline]
-    fn bounded(&mut self, turn: u32, x: i32, y: i32, level: u32) -> Square {
+    fn bounded(&mut self, turn: u32, x: i32, y: i32, level: u32) -> Offsets {
         self.evaluated += 1;
         let first = turn as usize * self.points;
         let values = self.cells[first..first + self.points]
             .iter()
             .map(|cell| u32::from(self.pyramid.at(level as usize, cell.0 + x, cell.1 + y)));
-        Square { turn, x, y, bound: values.sum() }
+        Offsets { turn, x, y, bound: values.sum() }
     }
 
     /// Tries all offsets of a square that may beat the best so far.
-    fn descend(&mut self, square: &Square, level: u32) {
+    fn descend(&mut self, square: &Offsets, level: u32) {
         if square.bound <= self.best.bound {
             return;
         }

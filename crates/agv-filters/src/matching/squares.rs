@@ -32,6 +32,11 @@ pub(super) fn whole(v: f64) -> i32 {
 /// Memory for sorting points by squares: the key of a square, and the index of a point in it.
 pub(crate) type Squares = Vec<(u64, u32)>;
 
+/// Bytes that a list has room for.
+pub(crate) const fn room_of<T>(list: &Vec<T>) -> usize {
+    list.capacity() * size_of::<T>()
+}
+
 /// The end points of a scan, a point per square, in memory that is used again.
 #[derive(Debug, Clone, Default)]
 pub(super) struct ThinnedScan {

@@ -110,9 +110,9 @@ impl Target {
     }
 
     /// Bytes of its memory: most of it that of the grids.
-    pub(super) fn bytes(&self) -> usize {
+    pub(super) fn memory(&self) -> usize {
         let surfaces = self.points.capacity() * size_of::<Surface>();
-        surfaces + self.near.bytes() + self.pyramid.bytes()
+        surfaces + self.near.memory() + self.pyramid.memory()
     }
 
     /// The surface nearest to a place.

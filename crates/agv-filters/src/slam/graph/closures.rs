@@ -4,7 +4,7 @@ use super::{
     GraphSlamParams,
     key_scan::{KeyScan, apart, gather},
 };
-use crate::matching::{CorrelativeMatcher, CorrelativeParams, SearchWindow, Squares, thin_into};
+use crate::matching::{CorrelativeMatcher, CorrelativeParams, SearchWindow, Squares, room_of, thin_into};
 use agv_core::{
     Error,
     compute::Par,
@@ -92,8 +92,7 @@ impl Seeker {
 
     /// Bytes of its memory.
     pub(super) fn memory(&self) -> usize {
-        let points = (self.target.capacity() + self.points.capacity()) * size_of::<Vector2<f64>>();
-        self.matcher.memory() + points + size_of_val(self.squares.as_slice())
+        self.matcher.memory() + room_of(&self.target) + room_of(&self.points) + room_of(&self.squares)
     }
 }
 

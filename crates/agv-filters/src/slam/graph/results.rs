@@ -1,14 +1,13 @@
 //! What graph SLAM knows: where the vehicle is and was, and the map.
 
 use super::{GraphSlam, GraphSlamParams, closures::Seeker, key_scan::KeyScan, slam::Derived};
-use crate::graph::PoseGraph;
+use crate::{graph::PoseGraph, matching::room_of};
 use agv_core::{
     Error,
     geometry::{LieGroup, Se2},
     grid::{EvidenceGrid, GridLayout},
     time::Stamp,
 };
-use nalgebra::Vector2;
 
 impl GraphSlam {
     /// Pose of the vehicle in the map, as of the last scan.
@@ -73,7 +72,6 @@ impl GraphSlam {
     pub fn working_memory(&self) -> usize {
         let Derived { front, seekers, points, target, squares, .. } = &self.derived;
         let seekers: usize = seekers.iter().map(Seeker::memory).sum();
-        let points = (points.capacity() + target.capacity()) * size_of::<Vector2<f64>>();
-        front.memory() + seekers + points + size_of_val(squares.as_slice())
+        front.memory() + seekers + room_of(points) + room_of(target) + room_of(squares)
     }
 }

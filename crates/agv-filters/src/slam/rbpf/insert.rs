@@ -10,7 +10,7 @@ use super::{
     tile::{TILE_BITS, Tile},
     view::{AROUND, View, ViewMemory},
 };
-use crate::matching::LineSums;
+use crate::matching::{LineSums, room_of};
 use agv_core::{
     geometry::{LieGroup, Se2},
     grid::{Cell, Traversal},
@@ -27,8 +27,8 @@ pub(super) struct Scratch {
 
 impl Scratch {
     /// Bytes of it.
-    pub(super) const fn bytes(&self) -> usize {
-        self.view.capacity() * size_of::<Option<&Tile>>() + self.hits.capacity() * size_of::<(Cell, Vector2<f64>)>()
+    pub(super) const fn memory(&self) -> usize {
+        self.view.capacity() * size_of::<Option<&Tile>>() + room_of(&self.hits)
     }
 }
 

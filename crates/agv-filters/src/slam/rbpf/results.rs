@@ -100,7 +100,7 @@ impl<M> Rbpf<M> {
 
     /// Bytes of all maps and trajectories; what is shared counts once. What updates are worked out with is
     /// [`working_memory`](Self::working_memory).
-    pub fn memory_bytes(&self) -> usize {
+    pub fn memory(&self) -> usize {
         let (mut known, mut bytes) = (HashSet::new(), self.belief.tree.bytes());
         for map in &self.belief.maps {
             map.for_each_part(|address, size| {
@@ -119,6 +119,6 @@ impl<M> Rbpf<M> {
     /// maps.
     pub fn working_memory(&self) -> usize {
         let matching = self.scan_odometry.as_ref().map_or(0, ScanOdometry::memory);
-        matching + self.scratch.iter().map(Scratch::bytes).sum::<usize>()
+        matching + self.scratch.iter().map(Scratch::memory).sum::<usize>()
     }
 }

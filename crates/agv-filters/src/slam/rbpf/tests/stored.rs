@@ -24,7 +24,7 @@ fn a_resumed_run_goes_on_with_the_same_bits() {
         resumed.restore(&stored).unwrap();
         assert_eq!(serde_json::to_string(&resumed.checkpoint()).unwrap(), text);
         // What maps shared they share again: but for tables, the same memory.
-        assert!(resumed.memory_bytes() < straight.memory_bytes() + 100_000);
+        assert!(resumed.memory() < straight.memory() + 100_000);
         run(&mut straight, &steps[43..]);
         run(&mut resumed, &steps[43..]);
         let end = |slam: &Filter| serde_json::to_string(&slam.checkpoint()).unwrap();
