@@ -2,7 +2,7 @@ use super::*;
 use crate::pipeline::mapping::{KeyFrameMapper, KeyFrameParams, LoopParams, closures::closure};
 use agv_core::{
     geometry::Se2,
-    nalgebra::{DMatrix, Vector3},
+    nalgebra::{SMatrix, Vector3},
     roles::{Alignment, AlignmentError, LidarOdometryStep, Registration, Termination},
     sensors::{PointCloud, PointSource},
     time::Stamp,
@@ -45,19 +45,19 @@ fn driven(mapper: &mut KeyFrameMapper<Lane>, aside: f64) -> [Se3; 4] {
     [at(5, 0.0), at(6, 0.0), at(5, aside), at(5, 0.0)]
 }
 
-/// Information about poses relative to the first, from relations whose residuals are zero.
-fn joint(poses: &[Se3], relations: &[(usize, usize, Matrix6<f64>)]) -> DMatrix<f64> {
-    let mut sum = DMatrix::zeros(6 * poses.len(), 6 * poses.len());
+/// Information about four poses from relations whose residuals are zero.
+fn joint(poses: &[Se3; 4], relations: &[(usize, usize, Matrix6<f64>)]) -> SMatrix<f64, 24, 24> {
+    let mut sum = SMatrix::<f64, 24, 24>::zeros();
     for (from, to, information) in relations {
         let (by_from, by_to) = poses[*from].between_jacobians(&poses[*to]);
         for (i, a) in [(*from, by_from), (*to, by_to)] {
             for (j, b) in [(*from, by_from), (*to, by_to)] {
-                let mut block = sum.view_mut((6 * i, 6 * j), (6, 6));
+                let mut block = sum.fixed_view_mut::<6, 6>(6 * i, 6 * j);
                 block += a.transpose() * information * b;
             }
         }
     }
-    sum.view((6, 6), (6 * (poses.len() - 1), 6 * (poses.len() - 1))).into_owned()
+    sum
 }
 
 /// Of the way back, the find and the way aside the graph knows no more than what a graph knows that has each of them once; and not
@@ -76,7 +76,8 @@ fn what_was_found_counts_once() {
         .filter_map(|relation| Some((number(relation.from.0)?, number(relation.to.0)?, relation.information)));
     let told: Vec<_> = told.collect();
     assert_eq!(told.len(), 3);
-    let told = joint(&poses[..3], &told);
+    // Of the second and the third relative to the first.
+    let told = joint(&poses, &told).fixed_view::<12, 12>(6, 6).into_owned();
     let way = |from: usize, to: usize| {
         let covariance = *params.drift.of(&poses[from].between(&poses[to]), None).covariance();
         (from, to, Se3::inverse_of(&covariance).unwrap())
@@ -85,10 +86,10 @@ fn what_was_found_counts_once() {
     let find = closure(&found, 0, 3, &params).unwrap();
     let known = joint(&poses, &[way(1, 3), (0, 3, find.information), way(3, 2)]);
     // Without the pose that was not kept.
-    let (own, cross) = (known.view((12, 12), (6, 6)).into_owned(), known.view((0, 12), (12, 6)).into_owned());
-    let known = known.view((0, 0), (12, 12)) - &cross * own.try_inverse().unwrap() * cross.transpose();
+    let (own, cross) = (known.fixed_view::<6, 6>(18, 18).into_owned(), known.fixed_view::<12, 6>(6, 18).into_owned());
+    let known = known.fixed_view::<12, 12>(6, 6) - cross * own.try_inverse().unwrap() * cross.transpose();
     let root = known.cholesky().unwrap().l().try_inverse().unwrap();
-    let shares = (&root * told * root.transpose()).symmetric_eigenvalues();
+    let shares = (root * told * root.transpose()).symmetric_eigenvalues();
     assert!(shares.max() < 1.0 + 1e-6 && shares.min() > 0.4, "{shares}");
 }
 
