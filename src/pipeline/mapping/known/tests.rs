@@ -104,4 +104,9 @@ fn odometry_holds_what_a_find_held() {
     let [held] = held[..] else { panic!("{held:?}") };
     let off = held.from_from_to.between(&Se2::new(-1.0, 1.5, 0.0).into()).log();
     assert!(held.from.0 == 12 && off.norm() < 1e-9, "{held:?}");
+    // Neighbours of one drive are related; odometry over a long way does not keep a find from relating its ends.
+    let mut map = mapper.into_map();
+    assert!(map.is_related(13, 12) && map.is_related(5, 12) && !map.is_related(13, 4));
+    map.keys[13].way += 100.0;
+    assert!(!map.is_related(12, 13) && map.is_related(5, 13));
 }
