@@ -51,6 +51,7 @@
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod checks;
 pub mod convert;
 mod eigen;
 mod error;

@@ -44,14 +44,14 @@ impl Aligner {
         self.par = par;
     }
 
-    /// The pose of `features` in `map` near `guess`, which is `sigma` metres off or so.
+    /// The pose of `features` in `map` near `guess`, which is `sigma` metres off or so, by one solve after the other.
     pub(super) fn align(
         &mut self,
         features: &PlacedFeatures,
         map: &LocalMap,
         guess: &Se3,
         sigma: f64,
-        solve: LoamSolve,
+        solves: &[LoamSolve],
     ) -> Tracked {
         // The coarsest level that is needed is the first to reach three sigma.
         let reach = 3.0 * sigma;
@@ -64,8 +64,15 @@ impl Aligner {
             pose = *guess;
         }
         let all = Matrix6::identity();
-        let mut found = self.rounds(&pose, map, solve, &all);
+        let (first, others) = solves.split_first().unwrap_or((&LoamSolve::Joint, &[]));
+        let mut found = self.rounds(&pose, map, *first, &all);
         iterations += found.iterations;
+        for solve in others {
+            // What the solve before has made worse is not where to begin.
+            let start = if self.inliers(&pose, map) >= self.inliers(&found.pose, map) { pose } else { found.pose };
+            found = self.rounds(&start, map, *solve, &all);
+            iterations += found.iterations;
+        }
         let mut fit = self.fit(&found.pose);
         let held = fit.unobserved;
         if held.trace() > 0.5 {
@@ -142,6 +149,10 @@ impl Aligner {
         };
         let vertical = Matrix6::identity() - Freedom::Planar.projector(pose);
         let upright = self.improve(pose, enough(Selection::Level), kernel, &vertical);
+        // A pose that is not upright would be taken for one that is.
+        if matches!(upright.termination, Termination::TooFewPoints | Termination::Degenerate) {
+            return upright;
+        }
         let planar = Freedom::Planar.projector(&upright.pose);
         let found = self.improve(&upright.pose, enough(Selection::Edges), kernel, &planar);
         Descent { iterations: upright.iterations + found.iterations, ..found }
@@ -177,7 +188,7 @@ impl Aligner {
         }
         let mut result = Alignment::unknown(found.pose, found.termination);
         let poor = fit.agreement < params.min_agreement || fit.inlier_ratio < LEAST;
-        if poor && found.termination == Termination::Converged {
+        if poor && matches!(found.termination, Termination::Converged | Termination::Degenerate) {
             result.termination = Termination::PoorFit;
         }
         result.iterations = found.iterations;

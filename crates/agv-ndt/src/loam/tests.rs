@@ -8,7 +8,7 @@ use agv_core::{
     compute::{Par, Seed},
     geometry::{LieGroup, Se2, Se3, So3, Twist2},
     roles::{LidarOdometry, LidarOdometryStep, Termination, laws},
-    sensors::PointCloud,
+    sensors::{PointCloud, PointSource},
     time::Stamp,
 };
 use agv_sim::{Factory, FactoryParams, Lidar, LidarParams, Simulator3d, Vehicle, VehicleParams};
@@ -46,6 +46,8 @@ fn a_walk_in_a_room_is_followed_with_every_target_and_solve() {
         (LoamTarget::LocalMap, LoamSolve::Joint, 0.01),
         (LoamTarget::LastCloudThenMap, LoamSolve::Joint, 0.01),
         (LoamTarget::LastCloud, LoamSolve::Joint, 0.05),
+        (LoamTarget::LocalMap, LoamSolve::TwoStep, 0.01),
+        (LoamTarget::LastCloud, LoamSolve::TwoStep, 0.05),
         (LoamTarget::LastCloudThenMap, LoamSolve::TwoStep, 0.01),
     ] {
         let steps = walk(&ROOM, &poses, LoamParams { target, solve, ..LoamParams::default() });
@@ -82,6 +84,26 @@ fn along_a_corridor_the_prior_is_kept_and_the_direction_reported() {
     let found = step.odom_from_base.translation();
     assert!((found.x - 0.43).abs() < 0.01, "{found}");
     assert!((found.y - 0.05).abs() < 0.01 && found.z.abs() < 0.01, "{found}");
+}
+
+#[test]
+fn clouds_that_are_nearly_blind_move_neither_the_pose_nor_the_map() {
+    for target in [LoamTarget::LocalMap, LoamTarget::LastCloud, LoamTarget::LastCloudThenMap] {
+        let mut odometry = odometry(LoamParams { target, ..LoamParams::default() });
+        let room = cloud(&sheets(&ROOM, 60.0, 0), &Se3::identity());
+        for draw in 0..4 {
+            odometry.process(&cloud(&sheets(&ROOM, 60.0, draw), &Se3::identity()), None).unwrap();
+        }
+        for count in [1, 5, 20, 40] {
+            let few = PointCloud::from_points((0..count).map(|i| room.point(i * room.len() / count)));
+            odometry.process(&room, None).unwrap();
+            let map = odometry.map().len();
+            let step = odometry.process(&few, None).unwrap();
+            assert_eq!(step.alignment.unwrap().termination, Termination::TooFewPoints, "{target:?} {count}");
+            assert!(step.odom_from_base.log().norm() < 0.02, "{target:?} {count}: {step:?}");
+            assert_eq!(odometry.map().len(), map, "{target:?} {count}");
+        }
+    }
 }
 
 #[test]

@@ -7,6 +7,7 @@ use super::gaussian::VoxelParams;
 use super::mixture::Mixture;
 use super::params::NdtParams;
 use crate::Error;
+use crate::checks::finite_pose;
 use agv_core::{
     check,
     compute::Par,
@@ -107,7 +108,7 @@ impl DistributionRegistration {
             }
             let (inlier_ratio, unobserved) = overlap.fit(&pose, params.min_facing_share, &free);
             // What explains too little of the source says nothing of directions either.
-            if found.termination == Termination::Converged {
+            if matches!(found.termination, Termination::Converged | Termination::Degenerate) {
                 if inlier_ratio < params.min_inlier_ratio {
                     result.termination = Termination::PoorFit;
                 } else if unobserved.trace() > 0.5 {
@@ -142,8 +143,11 @@ impl Registration for DistributionRegistration {
         if self.target.first().is_none_or(|finest| finest.gaussians.is_empty()) {
             return Err(AlignmentError::NoTarget);
         }
-        check::all_finite("guess", guess.translation().iter())?;
-        check::all_finite("guess", guess.rotation().matrix().iter())?;
+        finite_pose("guess", guess)?;
+        let is_finite = |index: &usize| source.point(*index).iter().all(|v| v.is_finite());
+        if (0..source.len()).filter(is_finite).take(self.params.min_points).count() < self.params.min_points {
+            return Ok(Alignment::unknown(*guess, Termination::TooFewPoints));
+        }
         for level in &mut self.source {
             level.rebuild(source);
         }
@@ -215,6 +219,21 @@ mod tests {
                 here.gradient
             );
         }
+    }
+
+    /// A handful fits anywhere.
+    #[test]
+    fn a_handful_of_points_is_too_few() {
+        let mut ndt = DistributionRegistration::new(NdtParams::default()).unwrap();
+        ndt.set_target(&cloud(&sheets(&ROOM, 100.0, 1), &Se3::default())).unwrap();
+        // All of them in one place, so that there is a distribution.
+        let heap = sheets(&[[[0.1, 0.1, -1.0], [0.5, 0.0, 0.0], [0.0, 0.5, 0.0]]], 200.0, 2);
+        for count in [1, 5, 20, 40] {
+            let found = ndt.align(&cloud(&heap[..count], &Se3::default()), &Se3::default()).unwrap();
+            assert_eq!(found, Alignment::unknown(Se3::default(), Termination::TooFewPoints), "{count}");
+        }
+        let found = ndt.align(&cloud(&heap[..50], &Se3::default()), &Se3::default()).unwrap();
+        assert!(found.termination != Termination::TooFewPoints && !found.converged(), "{found:?}");
     }
 
     #[test]
