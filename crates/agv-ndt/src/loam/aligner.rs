@@ -201,3 +201,29 @@ impl Aligner {
         result
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    /// Walls, and a floor or none: without it nothing holds the height, however well the walls fix x, y and yaw.
+    #[test]
+    fn two_steps_do_not_converge_where_the_first_does_not() {
+        let mut aligner = Aligner::new(LoamParams::default());
+        let at = |i: u32| (f64::from(i % 5) - 2.0, f64::from(i / 5) - 2.0);
+        let sheet = |along: fn(f64, f64) -> Vector3<f64>, normal: Vector3<f64>| {
+            (0..25).map(at).map(move |(a, b)| Match::on_plane(along(a, b), normal))
+        };
+        let walls = sheet(|a, b| Vector3::new(4.0, a, b), Vector3::x());
+        aligner.matches = walls.chain(sheet(|a, b| Vector3::new(a, -3.0, b), Vector3::y())).collect();
+        let start = Se3::exp(&nalgebra::Vector6::new(0.02, 0.01, 0.0, 0.0, 0.0, 0.01));
+        let planar = aligner.improve(&start, Selection::All, 0.1, &Freedom::Planar.projector(&start));
+        assert_eq!(planar.termination, Termination::Converged);
+        assert_eq!(aligner.two_steps(&start, 0.1).termination, Termination::Degenerate);
+        aligner.matches.extend(sheet(|a, b| Vector3::new(a, b, -1.0), Vector3::z()));
+        let found = aligner.two_steps(&start, 0.1);
+        assert_eq!(found.termination, Termination::Converged);
+        assert!(found.pose.log().norm() < 1e-3, "{:?}", found.pose);
+    }
+}
