@@ -59,6 +59,24 @@ fn a_walk_in_a_room_is_followed_with_every_target_and_solve() {
     }
 }
 
+/// A lidar that is carried, tilted and lifted: on the local map two steps end with the joint solve, and are as good as that.
+#[test]
+fn a_walk_that_rolls_and_pitches_is_followed_in_two_steps_too() {
+    let pose = |i: f64| {
+        let turn = So3::from_roll_pitch_yaw(0.12 * (1.3 * i).sin(), 0.12 * (0.9 * i).sin(), 0.15 * i);
+        Se3::from_parts(Vector3::new(0.2 * i, 0.1 * i, 0.15 * (1.7 * i).sin()), turn)
+    };
+    let poses: Vec<_> = (0..12).map(f64::from).map(pose).collect();
+    for solve in [LoamSolve::Joint, LoamSolve::TwoStep] {
+        let steps = walk(&ROOM, &poses, LoamParams { solve, ..LoamParams::default() });
+        for (step, pose) in steps.iter().zip(&poses).skip(1) {
+            assert!(step.alignment.unwrap().converged(), "{solve:?}: {step:?}");
+            let error = pose.between(&step.odom_from_base).log();
+            assert!(error.norm() < 0.01, "{solve:?}: {error:?}");
+        }
+    }
+}
+
 #[test]
 fn a_jump_that_no_prediction_foresaw_is_found_and_a_vehicle_at_rest_does_not_drift() {
     let mut poses = vec![Se3::identity(); 8];
