@@ -89,6 +89,12 @@ fn main() -> ExitCode {
 
 fn run(args: &Args) -> Result<()> {
     let drive = if args.scans.is_empty() { simulate::drive(args)? } else { load::load(args)? };
+    if drive.scans.is_empty() {
+        return Err(
+            "there is no scan to follow: the simulated lidar turns ten times a second, so --seconds must be longer"
+                .into(),
+        );
+    }
     let mut method = args.method.build(args)?;
     let (mut times, mut poses, mut unmatched) = (Timings::default(), Vec::<Se3>::new(), 0);
     let mut loops = args.loops.then(|| loops::Loops::new(args)).transpose()?;

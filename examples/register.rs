@@ -59,9 +59,9 @@ struct Args {
     /// Who aligns
     #[arg(long, value_enum, default_value_t = Method::Ndt)]
     method: Method,
-    /// Edge of the cubes that the source is thinned out by, in metres; zero for none
-    #[arg(long, default_value_t = 0.25, value_parser = leaf)]
-    source_leaf: f32,
+    /// Edge of the cubes that the source is thinned out by, in metres; zero for none [default: 0.25; 0.1 for d2d]
+    #[arg(long, value_parser = leaf)]
+    source_leaf: Option<f32>,
     /// Edge of the cubes that the target is thinned out by, in metres; zero for none [default: 0.1; 0.25 for methods that pair points]
     #[arg(long, value_parser = leaf)]
     target_leaf: Option<f32>,
@@ -82,6 +82,10 @@ struct Args {
 }
 
 impl Args {
+    fn source_leaf(&self) -> f32 {
+        self.source_leaf.unwrap_or_else(|| self.method.source_leaf())
+    }
+
     fn target_leaf(&self) -> f32 {
         self.target_leaf.unwrap_or_else(|| self.method.target_leaf())
     }

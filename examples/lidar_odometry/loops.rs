@@ -7,12 +7,12 @@ use agv_nav::{
         metrics::TrajectoryPose as _,
         roles::LidarOdometryStep,
         sensors::PointCloud,
+        solve::RobustKernel,
     },
     ndt::ndt::{NdtParams, NdtRegistration, VoxelParams},
     pipeline::mapping::{KeyFrameMap, KeyFrameMapper, KeyFrameParams},
 };
 use agv_support::{cli::Report, timing::Timings};
-use std::collections::BTreeSet;
 
 /// Voxels along the edge of a tile of the map.
 const TILE: usize = 32;
@@ -59,12 +59,12 @@ impl Loops {
     fn worst_loop(&self, drive: &Drive) -> Option<f64> {
         let map = self.mapper.map();
         let truth = |key: usize| self.keys.get(key).and_then(|&scan| drive.truth.get(scan).copied().flatten());
-        let closed: BTreeSet<(usize, usize)> = map.closures().collect();
-        let relations = map.relations().iter().map(|relation| (relation, relation.from.index(), relation.to.index()));
-        let errors =
-            relations.filter(|(_, from, to)| closed.contains(&(*from, *to))).filter_map(|(relation, from, to)| {
-                Some(truth(from)?.between(&truth(to)?).between(&relation.from_from_to).distance())
-            });
+        // Odometry's relations have no kernel.
+        let finds = map.relations().iter().filter(|relation| relation.kernel != RobustKernel::Square);
+        let errors = finds.filter_map(|find| {
+            let between = truth(find.from.index())?.between(&truth(find.to.index())?);
+            Some(between.between(&find.from_from_to).distance())
+        });
         errors.max_by(f64::total_cmp)
     }
 

@@ -30,7 +30,7 @@ pub(crate) fn load(args: &Args) -> Result<Pair> {
         let missing = || format!("{} has no pair `{name}` of kind `{}`", path.display(), args.kind);
         truth = Some(pair.ok_or_else(missing)?.target_from_source);
     }
-    Ok(Pair { target: thinned(&target, args.target_leaf())?, source: thinned(&source, args.source_leaf)?, truth })
+    Ok(Pair { target: thinned(&target, args.target_leaf())?, source: thinned(&source, args.source_leaf())?, truth })
 }
 
 /// One point per occupied cube of `leaf` metres; all points for zero.

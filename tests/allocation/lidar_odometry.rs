@@ -32,6 +32,8 @@ fn edges_and_surfaces() {
     for (target, solve) in [
         (LoamTarget::LocalMap, LoamSolve::Joint),
         (LoamTarget::LastCloud, LoamSolve::Joint),
+        (LoamTarget::LocalMap, LoamSolve::TwoStep),
+        (LoamTarget::LastCloud, LoamSolve::TwoStep),
         (LoamTarget::LastCloudThenMap, LoamSolve::TwoStep),
     ] {
         let params = LoamParams { target, solve, ..LoamParams::default() };

@@ -18,8 +18,8 @@ use agv_nav::ndt::{
     convert::{CloudToGrid, CloudToGridParams},
     gicp::{PointMetric, PointParams, PointRegistration},
     ndt::{
-        NdtLocalizer, NdtLocalizerParams, NdtMap, NdtParams, NdtRegistration, NdtScanMatcher, NdtScanMatcherParams,
-        VoxelSearch,
+        DistributionRegistration, NdtLocalizer, NdtLocalizerParams, NdtMap, NdtParams, NdtRegistration, NdtScanMatcher,
+        NdtScanMatcherParams, VoxelSearch,
     },
     registration::Optimizer,
 };
@@ -57,6 +57,11 @@ fn normal_distributions() {
             assert_eq!(count_again(&mut NdtRegistration::new(params).unwrap()), 0, "{search:?} {optimizer:?}");
         }
     }
+}
+
+#[test]
+fn distributions_of_both_clouds() {
+    assert_eq!(count_again(&mut DistributionRegistration::new(NdtParams::default()).unwrap()), 0);
 }
 
 #[test]

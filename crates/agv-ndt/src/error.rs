@@ -50,12 +50,42 @@ impl From<Error> for agv_core::roles::AlignmentError {
             Error::MapMismatch { name, left, right } => {
                 Self::Invalid(agv_core::Error::LayoutMismatch { name, left, right })
             }
-            Error::TileMismatch { left: [x, y], .. }
-            | Error::VoxelOutsideTile { tile: [x, y], .. }
-            | Error::TileNotAway { x, y } => {
-                let (x, y) = (f64::from(x), f64::from(y));
-                Self::Invalid(agv_core::Error::OutsideGrid { x, y })
+            // No registration meets tiles. Indices are no coordinates, which is all that the core could say them as.
+            Error::TileMismatch { left, right } => {
+                let (name, axis) =
+                    if left[0] == right[0] { ("tile index along y", 1) } else { ("tile index along x", 0) };
+                let (left, right) = (f64::from(left[axis]), f64::from(right[axis]));
+                Self::Invalid(agv_core::Error::LayoutMismatch { name, left, right })
             }
+            Error::VoxelOutsideTile { .. } => Self::Invalid(agv_core::Error::LengthMismatch {
+                name: "voxels outside their tile",
+                len: 1,
+                expected: 0,
+            }),
+            Error::TileNotAway { .. } => Self::Invalid(agv_core::Error::LengthMismatch {
+                name: "tiles of an index that are away",
+                len: 0,
+                expected: 1,
+            }),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use agv_core::roles::AlignmentError;
+
+    #[test]
+    fn indices_of_tiles_are_told_as_no_coordinates() {
+        for (error, told) in [
+            (Error::TileMismatch { left: [3, -2], right: [3, 5] }, "tile index along y: -2 and 5"),
+            (Error::TileMismatch { left: [3, -2], right: [4, -2] }, "tile index along x: 3 and 4"),
+            (Error::VoxelOutsideTile { voxel: [1, 2, 3], tile: [3, -2] }, "voxels outside their tile"),
+            (Error::TileNotAway { x: 3, y: -2 }, "tiles of an index that are away"),
+        ] {
+            let text = AlignmentError::from(error).to_string();
+            assert!(text.contains(told) && !text.contains("(3, -2)"), "{text}");
         }
     }
 }

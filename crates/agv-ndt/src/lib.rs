@@ -14,7 +14,7 @@
 //! | a vehicle on an even floor | either with [`registration::Freedom::Planar`] |
 //! | one cloud after the other | [`loam::LoamOdometry`]: pose and local map in one call per cloud |
 //! | the same, and a registration of their own | [`odometry::Follow`] |
-//! | two full clouds, and little time | [`ndt::DistributionRegistration`]: hundreds of pairs instead of thousands of points |
+//! | two full clouds, and no wish to thin one out | [`ndt::DistributionRegistration`]: distributions of both |
 //! | a map, odometry, and clouds | [`ndt::NdtLocalizer`] |
 //! | laser scans | [`ndt::NdtScanMatcher`] |
 //! | clouds, and planners in the plane | [`convert::CloudToGrid`], [`convert::CloudToScan`] |
@@ -51,6 +51,7 @@
 #![deny(missing_docs)]
 #![deny(clippy::unwrap_used, clippy::expect_used, clippy::panic)]
 
+mod checks;
 pub mod convert;
 mod eigen;
 mod error;

@@ -7,9 +7,6 @@ use agv_core::{
 };
 use agv_ndt::places::{PlaceMatch, ScanContext};
 
-/// Key frames that a group may lack in between.
-const GAP: usize = 4;
-
 /// How far apart two places may be whose clouds overlap enough, in metres, beyond the window.
 const OVERLAP: f64 = 3.0;
 
@@ -44,23 +41,18 @@ impl KeyFrameMap {
     pub(super) fn around(&self) -> Vec<Candidate> {
         let poses = self.graph.poses();
         let Some(here) = poses.last() else { return Vec::new() };
-        let mut nearest: Vec<(f64, usize)> = Vec::new();
-        let mut previous = None;
-        for (index, pose) in poses.iter().enumerate().filter(|(index, _)| self.is_within(*index)) {
-            let between = pose.between(here);
+        let within: Vec<usize> = (0..poses.len()).filter(|index| self.is_within(*index)).collect();
+        let groups = self.groups(&within);
+        let mut nearest: Vec<Option<(f64, usize)>> = vec![None; within.len()];
+        for (&index, group) in within.iter().zip(groups) {
+            let between = poses[index].between(here);
             let off =
                 between.translation().norm() + TURN_WORTH * between.rotation().log().norm() / std::f64::consts::PI;
-            let is_new_group = previous.is_none_or(|previous| index - previous > GAP);
-            match nearest.last_mut() {
-                Some(best) if !is_new_group => {
-                    if off < best.0 {
-                        *best = (off, index);
-                    }
-                }
-                _ => nearest.push((off, index)),
+            if nearest[group].is_none_or(|best| off < best.0) {
+                nearest[group] = Some((off, index));
             }
-            previous = Some(index);
         }
+        let mut nearest: Vec<(f64, usize)> = nearest.into_iter().flatten().collect();
         nearest.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
         nearest.truncate(self.params.loops.candidates);
         nearest

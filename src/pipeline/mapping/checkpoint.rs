@@ -6,10 +6,9 @@ use super::{
     map::{Place, Tracked},
 };
 use crate::Error;
-use agv_core::{check, geometry::Se3};
+use agv_core::{check, geometry::Se3, time::Stamp};
 use agv_filters::graph::PoseGraph;
 use agv_ndt::places::ScanContext;
-use std::collections::BTreeSet;
 
 #[derive(serde::Deserialize)]
 pub(super) struct RawMap {
@@ -22,7 +21,6 @@ pub(super) struct RawMap {
     way: f64,
     doubt: f64,
     pending: Vec<Closure>,
-    closed: BTreeSet<(u32, u32)>,
 }
 
 impl TryFrom<RawMap> for KeyFrameMap {
@@ -37,19 +35,25 @@ impl TryFrom<RawMap> for KeyFrameMap {
         };
         is_there("key frame that is followed", raw.followed)?;
         raw.trajectory.iter().try_for_each(|place| is_there("key frame of a cloud", place.key))?;
-        for Closure { from, to, from_from_to, information, unobserved, .. } in &raw.pending {
-            is_there("key frame of a find", *from)?;
+        raw.trajectory.windows(2).try_for_each(|pair| in_order(pair[0].stamp, pair[1].stamp))?;
+        for Closure { from, to, from_from_to, information, inlier_ratio, unobserved } in &raw.pending {
             is_there("key frame of a find", *to)?;
+            check::in_range("older key frame of a find", f64::from(*from), 0.0, f64::from(*to) - 1.0)?;
+            check::in_range("inlier_ratio", *inlier_ratio, 0.0, 1.0)?;
             check::all_finite("pose of a find", from_from_to.translation().iter())?;
             check::covariance("information", information)?;
             check::all_finite("unobserved", unobserved.iter())?;
         }
-        for (from, to) in &raw.closed {
-            is_there("key frame of a closure", *from)?;
-            is_there("key frame of a closure", *to)?;
-        }
         if count > 0 && raw.tracked.is_none() {
             return Err(agv_core::Error::Empty { name: "tracked" }.into());
+        }
+        if let Some(Tracked { stamp, since, kept_from_base, .. }) = raw.tracked {
+            in_order(since, stamp)?;
+            raw.trajectory.last().map_or(Ok(()), |place| in_order(place.stamp, stamp))?;
+            if kept_from_base.is_none() && count > 0 {
+                let last = count as f64 - 1.0;
+                check::in_range("key frame that is followed", f64::from(raw.followed), last, last)?;
+            }
         }
         check::non_negative("way", raw.way)?;
         check::non_negative("doubt", raw.doubt)?;
@@ -69,8 +73,15 @@ impl TryFrom<RawMap> for KeyFrameMap {
             way: raw.way,
             doubt: raw.doubt,
             pending: raw.pending,
-            closed: raw.closed,
             ..map
         })
     }
+}
+
+fn in_order(earlier: Stamp, later: Stamp) -> Result<(), Error> {
+    if earlier <= later {
+        return Ok(());
+    }
+    let (earlier_ns, later_ns) = (earlier.nanoseconds(), later.nanoseconds());
+    Err(agv_core::Error::TimeBackwards { earlier_ns, later_ns }.into())
 }

@@ -9,7 +9,7 @@ use agv_core::{
     sensors::PointCloud,
     solve::RobustKernel,
 };
-use agv_filters::graph::{PoseGraphSolver, PoseId};
+use agv_filters::graph::{PoseGraphSolver, PoseId, Relation};
 
 /// Where a key frame was found among older ones.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -34,7 +34,7 @@ pub(super) const CONTRADICTION: f64 = 100.0;
 const PATIENCE: f64 = 10.0;
 
 /// Information along a direction that was not observed: none to speak of (a hundred metres), so that rounding leaves no negative one.
-const NEXT_TO_NONE: f64 = 1e-4;
+pub(super) const NEXT_TO_NONE: f64 = 1e-4;
 
 /// Directions that a find may leave open: along a corridor, and no more.
 const MOST_UNSEEN: f64 = 1.5;
@@ -51,12 +51,8 @@ pub(super) fn verify<R: Registration>(
     let loops = &map.params.loops;
     let (poses, anchor) = (map.graph.poses(), candidate.anchor);
     let last = map.keys.len().saturating_sub(1);
-    let around =
-        anchor.saturating_sub(loops.neighbours)..anchor.saturating_add(loops.neighbours).saturating_add(1).min(last);
     target.clear();
-    // What was seen just now is no place from before.
-    let is_old = |index: &usize| map.keys[last].way - map.keys[*index].way >= loops.min_way;
-    for index in around.filter(is_old) {
+    for index in map.neighbours(anchor) {
         map.keys[index].cloud.transform_into(&poses[anchor].between(&poses[index]), moved);
         target.append(moved)?;
     }
@@ -74,7 +70,7 @@ pub(super) fn verify<R: Registration>(
 }
 
 /// What an alignment is worth to the graph.
-fn closure(found: &Alignment<Se3>, from: usize, to: usize, params: &KeyFrameParams) -> Option<Closure> {
+pub(super) fn closure(found: &Alignment<Se3>, from: usize, to: usize, params: &KeyFrameParams) -> Option<Closure> {
     let seen = found.converged() || found.termination == agv_core::roles::Termination::Degenerate;
     if !seen || found.unobserved.trace() > MOST_UNSEEN {
         return None;
@@ -103,6 +99,11 @@ fn agree(a: &Se3, b: &Se3, limit: PoseSigma) -> bool {
 }
 
 impl Closure {
+    /// The relation that it is to the graph.
+    pub(super) fn relation(&self) -> Relation<Se3> {
+        Relation::new(PoseId(self.from), PoseId(self.to), self.from_from_to, self.information).with_kernel(KERNEL)
+    }
+
     /// Whether it leaves no direction open: along one, a find is where it was sought, and says nothing.
     pub(super) fn is_whole(&self) -> bool {
         self.unobserved.trace() < 0.5
@@ -166,8 +167,13 @@ impl KeyFrameMap {
     /// Finds to believe, now that there is one more: itself where it was expected, or with others that agree. If it has to wait, none.
     pub(super) fn believed(&mut self, closure: &Closure) -> Vec<Closure> {
         let (poses, keys, loops) = (self.graph.poses(), &self.keys, &self.params.loops);
-        let way = self.way;
-        self.pending.retain(|other| way - keys[other.to as usize].way <= PATIENCE);
+        let (way, relations) = (self.way, self.graph.relations());
+        // One whose pair another find has related meanwhile has nothing more to wait for.
+        let is_closed = |other: &Closure| {
+            let pair = (PoseId(other.from), PoseId(other.to));
+            relations.iter().any(|relation| relation.kernel == KERNEL && (relation.from, relation.to) == pair)
+        };
+        self.pending.retain(|other| way - keys[other.to as usize].way <= PATIENCE && !is_closed(other));
         let (Some(claim), Some(here)) = (claimed(closure, poses), poses.last()) else { return Vec::new() };
         if agree(&claim, here, loops.agreement) {
             return vec![*closure];

@@ -1,6 +1,9 @@
 //! Key frames, what ties them together, and the maps that they make.
 
-use super::{KeyFrameParams, closures::Closure};
+use super::{
+    KeyFrameParams,
+    closures::{Closure, KERNEL},
+};
 use crate::Error;
 use agv_core::{
     geometry::{LieGroup, Se3, UncertainPose},
@@ -53,6 +56,8 @@ pub(super) struct Tracked {
     pub(super) odom_from_base: Se3,
     /// Motion since the key frame that is followed; of the whole way before the first.
     pub(super) key_from_base: UncertainPose<Se3>,
+    /// Motion since the last key frame that was kept, where another one was met since then; none where that one is followed.
+    pub(super) kept_from_base: Option<UncertainPose<Se3>>,
     /// Stamp of the cloud that was a key frame, or was found at one, last.
     pub(super) since: Stamp,
 }
@@ -81,8 +86,6 @@ pub struct KeyFrameMap {
     pub(super) doubt: f64,
     /// Finds that wait for others.
     pub(super) pending: Vec<Closure>,
-    /// Key frames that a believed find relates: the older one, the newer one.
-    pub(super) closed: BTreeSet<(u32, u32)>,
     /// How key frames look; this follows from their clouds.
     #[cfg_attr(feature = "serde", serde(skip_serializing))]
     pub(super) places: ScanContexts,
@@ -104,7 +107,6 @@ impl KeyFrameMap {
             way: 0.0,
             doubt: 0.0,
             pending: Vec::new(),
-            closed: BTreeSet::new(),
             places: ScanContexts::new(params.places)?,
             params,
         })
@@ -122,7 +124,9 @@ impl KeyFrameMap {
 
     /// The key frames that closures relate, the older first; of those that turned out to contradict the rest, none.
     pub fn closures(&self) -> impl ExactSizeIterator<Item = (usize, usize)> + '_ {
-        self.closed.iter().map(|(from, to)| (*from as usize, *to as usize))
+        let closed = self.graph.relations().iter().filter(|relation| relation.kernel == KERNEL);
+        let pairs: BTreeSet<_> = closed.map(|relation| (relation.from.index(), relation.to.index())).collect();
+        pairs.into_iter()
     }
 
     /// What ties the key frames together.

@@ -3,8 +3,7 @@
 use super::{
     KeyFrame, KeyFrameMap, KeyFrameParams,
     closures::{CONTRADICTION, Closure, KERNEL, verify},
-    drift::{unseen, variances},
-    known::information,
+    drift::unseen,
     map::{Place, Tracked},
 };
 use crate::Error;
@@ -16,7 +15,7 @@ use agv_core::{
     sensors::{ConstantTwist, Deskew, PointCloud, VoxelGrid},
     solve::LevenbergMarquardtParams,
 };
-use agv_filters::graph::{PoseGraphSolver, PoseGraphSolverParams, PoseId, Relation};
+use agv_filters::graph::{PoseGraphSolver, PoseGraphSolverParams, Relation};
 use agv_ndt::{
     places::{PlaceMatch, ScanContext},
     preprocess::one_of_every,
@@ -150,7 +149,8 @@ impl<R: Registration> KeyFrameMapper<R> {
         check::all_finite("odom_from_base", odom_from_base.translation().iter())?;
         check::all_finite("odom_from_base", odom_from_base.rotation().matrix().iter())?;
         let mut twist = None;
-        let (mut key_from_base, mut since) = (UncertainPose::exact(odom_from_base), stamp);
+        let key_from_base = UncertainPose::exact(odom_from_base);
+        let mut tracked = Tracked { stamp, odom_from_base, key_from_base, kept_from_base: None, since: stamp };
         let (mut way, mut doubt) = (self.map.way, self.map.doubt);
         if let Some(last) = &self.map.tracked {
             if stamp < last.stamp {
@@ -160,26 +160,28 @@ impl<R: Registration> KeyFrameMapper<R> {
             let motion = last.odom_from_base.between(&odom_from_base);
             check::all_finite("motion", motion.translation().iter())?;
             twist = velocity(&motion, stamp - last.stamp, cloud);
-            since = last.since;
-            key_from_base = last.key_from_base.compose(&self.map.params.drift.of(&motion, step.alignment.as_ref()));
+            let gone = self.map.params.drift.of(&motion, step.alignment.as_ref());
+            tracked.since = last.since;
+            tracked.key_from_base = last.key_from_base.compose(&gone);
+            tracked.kept_from_base = last.kept_from_base.map(|kept| kept.compose(&gone));
             let moved = motion.translation().norm();
             way += moved;
             doubt += moved * self.map.params.loops.growth.max(unseen(step.alignment.as_ref()).trace().min(1.0));
         }
-        let is_key = self.is_key(&key_from_base, stamp - since);
+        let is_key = self.is_key(&tracked.key_from_base, stamp - tracked.since);
         let key = is_key.then(|| self.prepare(cloud, twist)).transpose()?.flatten();
         // Nothing fails from here on but sums that overflow.
-        self.map.tracked = Some(Tracked { stamp, odom_from_base, key_from_base, since });
+        self.map.tracked = Some(tracked);
         (self.map.way, self.map.doubt) = (way, doubt);
         let followed = self.map.followed;
-        self.map.trajectory.push(Place { stamp, key: followed, key_from_base: *key_from_base.mean() });
+        self.map.trajectory.push(Place { stamp, key: followed, key_from_base: *tracked.key_from_base.mean() });
         let (mut made, mut met, mut closures) = (None, None, None);
         if let Some(key) = key {
-            let number = self.add(key, &key_from_base)?;
+            let number = self.add(key, &tracked)?;
             let found = self.close_loops();
             let known = found.as_ref().ok().and_then(|found| found.known);
             if let Some(closure) = known {
-                self.map.forget_last(&closure, &key_from_base)?;
+                self.map.forget_last(&closure, &tracked)?;
                 met = Some(closure.from as usize);
             } else {
                 self.map.keep_last(&self.scratch.context);
@@ -234,20 +236,16 @@ impl<R: Registration> KeyFrameMapper<R> {
     }
 
     /// Makes a key frame a pose of the graph, which is not followed yet.
-    fn add(&mut self, key: KeyFrame, key_from_base: &UncertainPose<Se3>) -> Result<usize, Error> {
+    fn add(&mut self, key: KeyFrame, tracked: &Tracked) -> Result<usize, Error> {
         let map = &mut self.map;
         let number = map.keys.len();
         let previous = map.graph.poses().get(map.followed as usize).copied();
-        let here = previous.map_or(*key_from_base.mean(), |key| key.compose(key_from_base.mean()));
-        let to = map.graph.add_pose(here)?;
-        if previous.is_some() {
-            let covariance = key_from_base.covariance() + variances(map.params.drift.floor);
-            let from = PoseId(map.followed);
-            let relation = Relation::new(from, to, *key_from_base.mean(), information(&covariance));
-            if let Err(error) = map.graph.add_relation(relation) {
-                map.graph.pop_pose();
-                return Err(error.into());
-            }
+        let key_from_base = tracked.key_from_base.mean();
+        let here = previous.map_or(*key_from_base, |key| key.compose(key_from_base));
+        map.graph.add_pose(here)?;
+        if let Err(error) = map.relate_last(tracked) {
+            map.graph.pop_pose();
+            return Err(error);
         }
         if previous.is_none() {
             // Places before this one were told from the origin, which this key frame is not.
@@ -282,23 +280,17 @@ impl<R: Registration> KeyFrameMapper<R> {
             // To explain it the graph was solved, which may have gone on where the last solution stopped.
             return Ok(Found { closures: (map.graph.poses() != before).then_some(0), known: None });
         }
-        for Closure { from, to, from_from_to, information, .. } in &believed {
-            let relation = Relation::new(PoseId(*from), PoseId(*to), *from_from_to, *information);
-            map.graph.add_relation(relation.with_kernel(KERNEL))?;
-            map.closed.insert((*from, *to));
+        let added: Vec<Relation<Se3>> = believed.iter().map(Closure::relation).collect();
+        for relation in &added {
+            map.graph.add_relation(*relation)?;
         }
-        let pairs: Vec<_> = believed.iter().map(|closure| (closure.from, closure.to)).collect();
         self.solve().inspect_err(|_| {
             // As if they had not been found.
-            let KeyFrameMap { graph, closed, .. } = &mut self.map;
-            graph.retain_relations(|relation| {
-                relation.kernel != KERNEL || !pairs.contains(&(relation.from.0, relation.to.0))
-            });
-            closed.retain(|pair| !pairs.contains(pair));
+            self.map.graph.retain_relations(|relation| !added.contains(relation));
         })?;
-        let kept = pairs.iter().filter(|pair| self.map.closed.contains(pair)).count();
+        let is_kept = |closure: &Closure| self.map.graph.relations().contains(&closure.relation());
+        let kept = believed.iter().filter(|closure| is_kept(closure)).count();
         // Along what a find leaves open it says nothing.
-        let is_kept = |closure: &Closure| self.map.closed.contains(&(closure.from, closure.to));
         if believed.iter().any(|closure| closure.is_whole() && is_kept(closure)) {
             self.map.doubt = 0.0;
         }
@@ -308,24 +300,19 @@ impl<R: Registration> KeyFrameMapper<R> {
 
     /// Moves all poses to where the relations fit best, and takes out closures that contradict the rest.
     fn solve(&mut self) -> Result<(), Error> {
-        let KeyFrameMap { graph, closed, .. } = &mut self.map;
+        let graph = &mut self.map.graph;
         self.solver.optimize(graph)?;
         let poses = graph.poses().to_vec();
-        let mut removed = false;
+        let count = graph.relations().len();
         graph.retain_relations(|relation| {
             if relation.kernel != KERNEL {
                 return true;
             }
             let predicted = poses[relation.from.index()].between(&poses[relation.to.index()]);
             let error = relation.from_from_to.between(&predicted).log();
-            let keep = error.dot(&(relation.information * error)) <= CONTRADICTION;
-            if !keep {
-                closed.remove(&(relation.from.0, relation.to.0));
-                removed = true;
-            }
-            keep
+            error.dot(&(relation.information * error)) <= CONTRADICTION
         });
-        if removed {
+        if graph.relations().len() < count {
             self.solver.optimize(graph)?;
         }
         Ok(())

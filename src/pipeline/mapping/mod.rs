@@ -23,6 +23,7 @@ mod drift;
 mod known;
 mod map;
 mod mapper;
+mod neighbours;
 mod params;
 #[cfg(test)]
 mod tests;

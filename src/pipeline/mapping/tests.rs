@@ -7,6 +7,7 @@ use agv_core::{
     sensors::{PointCloud, PointSource},
     time::Stamp,
 };
+use agv_filters::graph::PoseId;
 use agv_ndt::{
     ndt::{NdtParams, NdtRegistration, VoxelParams},
     places::ScanContextParams,
@@ -30,6 +31,28 @@ fn step(pose: Se3) -> LidarOdometryStep {
 
 fn at(x: f64) -> Se3 {
     Se2::new(x, 0.0, 0.0).into()
+}
+
+/// What ties key frames together is what odometry said, all of it and no more; and finds, which are where the truth says. The clouds'
+/// stamps are their numbers; `drive` gives truth and odometry of each.
+fn check_relations(map: &KeyFrameMap, drive: impl Fn(i32) -> (Se3, Se3)) {
+    let number = |key: PoseId| map.keys[key.index()].cloud().stamp().seconds().round() as i32;
+    let mut finds = 0;
+    for relation in map.relations() {
+        let [(true_a, a), (true_b, b)] = [relation.from, relation.to].map(|key| drive(number(key)));
+        let is_find = relation.kernel == closures::KERNEL;
+        let (expected, limit) = if is_find { (true_a.between(&true_b), 0.1) } else { (a.between(&b), 1e-9) };
+        let off = expected.between(&relation.from_from_to).log();
+        assert!(off.norm() < limit, "{relation:?}: {off}");
+        finds += usize::from(is_find);
+    }
+    assert!(map.closures().len() > 0 && map.closures().len() <= finds);
+    // Odometry alone ties each key frame to the one before, whatever finds are taken out.
+    let tied = |key: u32| {
+        let of_odometry = map.relations().iter().filter(|relation| relation.kernel != closures::KERNEL);
+        of_odometry.filter(|relation| (relation.from.0 + 1, relation.to.0) == (key, key)).count()
+    };
+    assert!((1..map.keys.len() as u32).all(|key| tied(key) == 1));
 }
 
 fn mapper(params: &KeyFrameParams) -> KeyFrameMapper<NdtRegistration> {
@@ -77,7 +100,8 @@ fn a_place_that_is_met_again_corrects_the_way() {
     // The last find may be two steps ago, each of which the odometry is two centimetres off.
     assert!(closures >= 3 && last.map_from_base.translation().norm() < 0.06, "{closures} {last:?}");
     assert!((last.map_from_odom.translation().y + 0.36).abs() < 0.06, "{last:?}");
-    assert!(mapper.map().closures().all(|(from, to)| from < to));
+    let wave = |i: i32| f64::from(if i < 10 { i } else { 18 - i }).max(0.0);
+    check_relations(mapper.map(), |i| (at(wave(i)), Se2::new(wave(i), 0.02 * f64::from(i), 0.0).into()));
     let cloud = mapper.map().thinned_cloud(0.2).unwrap();
     let walls: Vec<_> = cloud.points().filter(|p| p.z > 0.5 && p.y < -2.8).collect();
     assert!(walls.len() > 300 && walls.iter().all(|p| (p.y + 3.0).abs() < 0.15), "one wall, not two");
@@ -93,7 +117,7 @@ fn a_known_site_gets_no_more_key_frames() {
     for params in [bounded, KeyFrameParams { reach: None, ..bounded }] {
         let mut mapper = mapper(&params);
         let (start, mut met, mut sizes) = (Se3::from(Se2::new(2.0, 3.0, 0.0)), 0, Vec::new());
-        for i in 0..90_i32 {
+        for i in 0..144_i32 {
             let x = f64::from((i % 18 - 9).abs());
             let odometry = Se2::new(x, 0.02 * f64::from(i), 0.0);
             let seen = seen(&start.compose(&at(x)), f64::from(i));
@@ -109,11 +133,13 @@ fn a_known_site_gets_no_more_key_frames() {
         }
         if params.reach.is_some() {
             // Ten places a metre apart, which are met from both sides.
-            assert!(met >= 50 && sizes[4].0 <= 20 && sizes[4] == sizes[3] && sizes[4].2 == 0, "{met} {sizes:?}");
+            assert!(met >= 80 && sizes[7].0 <= 20 && sizes[7] == sizes[5] && sizes[7].2 == 0, "{met} {sizes:?}");
         } else {
-            assert!(met == 0 && sizes[4].0 == 90, "{met} {sizes:?}");
+            assert!(met == 0 && sizes[7].0 == 144, "{met} {sizes:?}");
         }
-        assert_eq!(mapper.map().trajectory().len(), 90);
+        let wave = |i: i32| f64::from((i % 18 - 9).abs());
+        check_relations(mapper.map(), |i| (at(wave(i)), Se2::new(wave(i), 0.02 * f64::from(i), 0.0).into()));
+        assert_eq!(mapper.map().trajectory().len(), 144);
         assert_eq!(mapper.map().places.len(), mapper.map().keys.len());
     }
 }

@@ -8,6 +8,7 @@
 //! Evidence adds up in any order to the same bits ([`EvidenceGrid`]), so that the clouds of many vehicles make one grid.
 
 use super::to_scan::{CloudToScan, CloudToScanParams, CloudToScanReport};
+use crate::checks::finite_pose;
 use agv_core::{
     Error, check,
     geometry::{Se2, Se3},
@@ -132,8 +133,7 @@ impl CloudToGrid {
     /// A pose that is not finite or too far off, a cloud that [`CloudToScan`] refuses, or a grid that would become too large. The
     /// evidence is then as it was.
     pub fn insert(&mut self, cloud: &PointCloud, map_from_base: &Se3) -> Result<CloudToGridReport, Error> {
-        check::all_finite("map_from_base", map_from_base.translation().iter())?;
-        check::all_finite("map_from_base", map_from_base.rotation().matrix().iter())?;
+        finite_pose("map_from_base", map_from_base)?;
         let mount = cloud.base_from_sensor().to_planar();
         let index = if let Some(known) = self.scans.iter().position(|scan| scan.geometry().base_from_sensor == mount) {
             known

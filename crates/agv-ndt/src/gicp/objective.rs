@@ -19,6 +19,7 @@ use agv_core::{
     geometry::Se3,
 };
 use nalgebra::{Matrix3, Matrix6, Vector3};
+use std::f64::consts::FRAC_1_SQRT_2;
 
 /// A source against a target.
 pub(super) struct PairObjective<'a> {
@@ -39,7 +40,12 @@ struct Paired {
     weight: Matrix3<f64>,
     /// Normal of the target, or of the source where voxels have none; zero if unknown.
     normal: Vector3<f64>,
+    /// Whether both points' surfaces face one way, or that is not known of both.
+    is_alike: bool,
 }
+
+/// Least cosine between the normals of one surface: 45°, which three in ten pairs of any directions keep.
+const ALIKE: f64 = FRAC_1_SQRT_2;
 
 impl Paired {
     /// Distance along the normal; that of the points where there is none.
@@ -63,7 +69,7 @@ impl PairObjective<'_> {
         if self.params.metric == PointMetric::Voxelized {
             let voxel = self.voxels.at(&x)?;
             let weight = (voxel.covariance + flat(&own)).try_inverse()?;
-            return Some(Paired { y, offset: x - voxel.mean, weight, normal: own });
+            return Some(Paired { y, offset: x - voxel.mean, weight, normal: own, is_alike: true });
         }
         let found = self.target.tree.nearest(&x.cast(), self.params.max_distance)?.index as usize;
         let normal = self.target.normals[found].cast::<f64>();
@@ -71,7 +77,8 @@ impl PairObjective<'_> {
             PointMetric::PointToPlane => normal * normal.transpose() / FLATNESS,
             _ => (flat(&normal) + flat(&own)).try_inverse()?,
         };
-        Some(Paired { y, offset: x - self.target.points[found].cast::<f64>(), weight, normal })
+        let is_alike = own == Vector3::zeros() || normal == Vector3::zeros() || own.dot(&normal).abs() >= ALIKE;
+        Some(Paired { y, offset: x - self.target.points[found].cast::<f64>(), weight, normal, is_alike })
     }
 
     /// Inliers, and the directions that they leave free.
@@ -82,7 +89,7 @@ impl PairObjective<'_> {
             for index in chunk * CHUNK..count.min((chunk + 1) * CHUNK) {
                 let Some(pair) = self.pair(pose, &rotation, index) else { continue };
                 // What does not fit says nothing of the direction that it faces.
-                if pair.distance() <= self.params.inlier_distance {
+                if pair.is_alike && pair.distance() <= self.params.inlier_distance {
                     facing.add(&pair.y, &(pair.normal * pair.normal.transpose()));
                     inliers += 1;
                 }

@@ -2,7 +2,7 @@
 
 use super::surface::FLATNESS;
 use crate::preprocess::NormalParams;
-use crate::registration::{DescentParams, Freedom};
+use crate::registration::{DescentParams, Freedom, MIN_POINTS};
 use agv_core::{Error, check};
 
 /// How the distance of a pair of points is weighed.
@@ -40,8 +40,12 @@ pub struct PointParams {
     /// has the iterations of [`descent`](Self::descent). None for squares to the end.
     pub kernel: Option<f64>,
     /// Distance up to which a pair is an inlier, in metres: from the target's plane, or from the source's where the metric is
-    /// [`Voxelized`](PointMetric::Voxelized); between the points where that has no normal.
+    /// [`Voxelized`](PointMetric::Voxelized); between the points where that has no normal. Where both have one, as the generalized metric
+    /// has it, the surfaces must also face the same way within 45°.
     pub inlier_distance: f64,
+    /// Finite points of a source below which a result is [`TooFewPoints`](agv_core::roles::Termination::TooFewPoints): a handful fits
+    /// anywhere.
+    pub min_points: usize,
     /// Share of inliers below which a result is [`PoorFit`](agv_core::roles::Termination::PoorFit).
     pub min_inlier_ratio: f64,
     /// Share of the inliers that must face a direction for it to be observed.
@@ -61,6 +65,7 @@ impl Default for PointParams {
             descent: DescentParams::default(),
             kernel: Some(0.1),
             inlier_distance: 0.1,
+            min_points: MIN_POINTS,
             min_inlier_ratio: 0.5,
             min_facing_share: 0.01,
         }
@@ -83,6 +88,7 @@ impl PointParams {
             check::in_range("kernel", kernel, 1e-3, 1e3)?;
         }
         check::positive("inlier_distance", self.inlier_distance)?;
+        check::at_least("min_points", self.min_points, 1)?;
         check::in_range("min_inlier_ratio", self.min_inlier_ratio, 0.0, 1.0)?;
         check::positive("min_facing_share", self.min_facing_share)?;
         check::in_range("min_facing_share", self.min_facing_share, 0.0, 1.0)?;

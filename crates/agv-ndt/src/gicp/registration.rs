@@ -4,6 +4,7 @@ use super::objective::{PairFit, PairObjective};
 use super::params::{PointMetric, PointParams};
 use super::surface::{Surface, SurfaceVoxels};
 use crate::Error;
+use crate::checks::finite_pose;
 use crate::registration::{Descent, Optimizer};
 use agv_core::{
     check,
@@ -112,7 +113,7 @@ impl PointRegistration {
         }
         let PairFit { inlier_ratio, unobserved } = objective.fit(&found.pose, &free);
         // What explains too little of the source says nothing of directions either.
-        if found.termination == Termination::Converged {
+        if matches!(found.termination, Termination::Converged | Termination::Degenerate) {
             if inlier_ratio < params.min_inlier_ratio {
                 result.termination = Termination::PoorFit;
             } else if unobserved.trace() > 0.5 {
@@ -142,8 +143,7 @@ impl Registration for PointRegistration {
         if self.target.points.is_empty() {
             return Err(AlignmentError::NoTarget);
         }
-        check::all_finite("guess", guess.translation().iter())?;
-        check::all_finite("guess", guess.rotation().matrix().iter())?;
+        finite_pose("guess", guess)?;
         match self.params.metric {
             // The target's planes are all that it needs.
             PointMetric::PointToPlane => self.source.rebuild_points(source),
@@ -151,7 +151,7 @@ impl Registration for PointRegistration {
                 self.source.rebuild(source, &self.params.normals, self.par)?;
             }
         }
-        if self.source.points.is_empty() {
+        if self.source.points.len() < self.params.min_points {
             return Ok(Alignment::unknown(*guess, Termination::TooFewPoints));
         }
         Ok(self.search(guess))

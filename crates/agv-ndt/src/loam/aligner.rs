@@ -44,14 +44,14 @@ impl Aligner {
         self.par = par;
     }
 
-    /// The pose of `features` in `map` near `guess`, which is `sigma` metres off or so.
+    /// The pose of `features` in `map` near `guess`, which is `sigma` metres off or so, by one solve after the other.
     pub(super) fn align(
         &mut self,
         features: &PlacedFeatures,
         map: &LocalMap,
         guess: &Se3,
         sigma: f64,
-        solve: LoamSolve,
+        solves: &[LoamSolve],
     ) -> Tracked {
         // The coarsest level that is needed is the first to reach three sigma.
         let reach = 3.0 * sigma;
@@ -64,8 +64,15 @@ impl Aligner {
             pose = *guess;
         }
         let all = Matrix6::identity();
-        let mut found = self.rounds(&pose, map, solve, &all);
+        let (first, others) = solves.split_first().unwrap_or((&LoamSolve::Joint, &[]));
+        let mut found = self.rounds(&pose, map, *first, &all);
         iterations += found.iterations;
+        for solve in others {
+            // What the solve before has made worse is not where to begin.
+            let start = if self.inliers(&pose, map) >= self.inliers(&found.pose, map) { pose } else { found.pose };
+            found = self.rounds(&start, map, *solve, &all);
+            iterations += found.iterations;
+        }
         let mut fit = self.fit(&found.pose);
         let held = fit.unobserved;
         if held.trace() > 0.5 {
@@ -142,6 +149,10 @@ impl Aligner {
         };
         let vertical = Matrix6::identity() - Freedom::Planar.projector(pose);
         let upright = self.improve(pose, enough(Selection::Level), kernel, &vertical);
+        // A pose that is not upright would be taken for one that is.
+        if matches!(upright.termination, Termination::TooFewPoints | Termination::Degenerate) {
+            return upright;
+        }
         let planar = Freedom::Planar.projector(&upright.pose);
         let found = self.improve(&upright.pose, enough(Selection::Edges), kernel, &planar);
         Descent { iterations: upright.iterations + found.iterations, ..found }
@@ -177,7 +188,7 @@ impl Aligner {
         }
         let mut result = Alignment::unknown(found.pose, found.termination);
         let poor = fit.agreement < params.min_agreement || fit.inlier_ratio < LEAST;
-        if poor && found.termination == Termination::Converged {
+        if poor && matches!(found.termination, Termination::Converged | Termination::Degenerate) {
             result.termination = Termination::PoorFit;
         }
         result.iterations = found.iterations;
@@ -188,5 +199,31 @@ impl Aligner {
         result.inlier_ratio = fit.inlier_ratio;
         result.score = -quadratic.cost / quadratic.matches as f64;
         result
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::Vector3;
+
+    /// Walls, and a floor or none: without it nothing holds the height, however well the walls fix x, y and yaw.
+    #[test]
+    fn two_steps_do_not_converge_where_the_first_does_not() {
+        let mut aligner = Aligner::new(LoamParams::default());
+        let at = |i: u32| (f64::from(i % 5) - 2.0, f64::from(i / 5) - 2.0);
+        let sheet = |along: fn(f64, f64) -> Vector3<f64>, normal: Vector3<f64>| {
+            (0..25).map(at).map(move |(a, b)| Match::on_plane(along(a, b), normal))
+        };
+        let walls = sheet(|a, b| Vector3::new(4.0, a, b), Vector3::x());
+        aligner.matches = walls.chain(sheet(|a, b| Vector3::new(a, -3.0, b), Vector3::y())).collect();
+        let start = Se3::exp(&nalgebra::Vector6::new(0.02, 0.01, 0.0, 0.0, 0.0, 0.01));
+        let planar = aligner.improve(&start, Selection::All, 0.1, &Freedom::Planar.projector(&start));
+        assert_eq!(planar.termination, Termination::Converged);
+        assert_eq!(aligner.two_steps(&start, 0.1).termination, Termination::Degenerate);
+        aligner.matches.extend(sheet(|a, b| Vector3::new(a, b, -1.0), Vector3::z()));
+        let found = aligner.two_steps(&start, 0.1);
+        assert_eq!(found.termination, Termination::Converged);
+        assert!(found.pose.log().norm() < 1e-3, "{:?}", found.pose);
     }
 }

@@ -43,6 +43,15 @@ struct Anchor {
     is_level: bool,
 }
 
+#[cfg(test)]
+impl Match {
+    /// A surface's feature on a plane with that normal.
+    pub(super) fn on_plane(place: Vector3<f64>, normal: Vector3<f64>) -> Self {
+        let (fixed, is_level) = (normal * normal.transpose(), normal.z.abs() > 0.866);
+        Self { place, is_edge: false, matched_at: place, anchor: Some(Anchor { place, fixed, is_level }) }
+    }
+}
+
 impl Anchor {
     /// Square of a place's distance from the plane or line.
     fn square(&self, place: &Vector3<f64>) -> f64 {

@@ -132,10 +132,10 @@ impl Matcher for FeatureMatcher {
     }
 
     fn track(&mut self, guess: &Se3, sigma: f64) -> Result<Tracked, AlignmentError> {
-        let Self { target, placed, aligner, map, last, last_pose, .. } = self;
-        let (mut guess, mut sigma, mut solve) = (*guess, sigma, self.solve);
+        let Self { target, solve, placed, aligner, map, last, last_pose, .. } = self;
+        let (mut guess, mut sigma) = (*guess, sigma);
         if *target != LoamTarget::LocalMap {
-            let mut found = aligner.align(placed, last, &last_pose.between(&guess), sigma, solve);
+            let mut found = aligner.align(placed, last, &last_pose.between(&guess), sigma, &[*solve]);
             let pose = last_pose.compose(&found.alignment.target_from_source);
             found.alignment.target_from_source = pose;
             if *target == LoamTarget::LastCloud {
@@ -144,9 +144,12 @@ impl Matcher for FeatureMatcher {
             if found.is_usable {
                 (guess, sigma) = (pose, LEAST_SIGMA);
             }
-            solve = LoamSolve::Joint;
         }
-        Ok(aligner.align(placed, map, &guess, sigma, solve))
+        let with_map: &[_] = match (*target, *solve) {
+            (LoamTarget::LocalMap, LoamSolve::TwoStep) => &[LoamSolve::TwoStep, LoamSolve::Joint],
+            _ => &[LoamSolve::Joint],
+        };
+        Ok(aligner.align(placed, map, &guess, sigma, with_map))
     }
 
     fn remember(&mut self, pose: &Se3) {

@@ -26,7 +26,8 @@ pub enum LoamSolve {
     #[default]
     Joint,
     /// Height, roll and pitch by level surfaces, then x, y and yaw by edges (LeGO-LOAM; paper 003). For vehicles on a floor, in
-    /// places with edges enough: a step with fewer than ten matches takes all of them.
+    /// places with edges enough: a step with fewer than ten matches takes all of them. Upright walls and level edges do not take part,
+    /// so that it is less accurate than the joint solve, which ends it on the local map, as LeGO-LOAM's mapping does.
     TwoStep,
 }
 
@@ -40,7 +41,8 @@ pub struct LoamParams {
     pub map: LocalMapParams,
     /// What a cloud is aligned with.
     pub target: LoamTarget,
-    /// What is solved for at once; alignments with the local map after one with the last cloud are joint.
+    /// What is solved for at once; on the local map two steps are followed by a joint solve, after an alignment with the last cloud it is
+    /// all there is.
     pub solve: LoamSolve,
     /// Most surface points of a cloud that are matched.
     pub max_surfaces: usize,

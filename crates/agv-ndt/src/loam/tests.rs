@@ -8,7 +8,7 @@ use agv_core::{
     compute::{Par, Seed},
     geometry::{LieGroup, Se2, Se3, So3, Twist2},
     roles::{LidarOdometry, LidarOdometryStep, Termination, laws},
-    sensors::PointCloud,
+    sensors::{PointCloud, PointSource},
     time::Stamp,
 };
 use agv_sim::{Factory, FactoryParams, Lidar, LidarParams, Simulator3d, Vehicle, VehicleParams};
@@ -46,6 +46,8 @@ fn a_walk_in_a_room_is_followed_with_every_target_and_solve() {
         (LoamTarget::LocalMap, LoamSolve::Joint, 0.01),
         (LoamTarget::LastCloudThenMap, LoamSolve::Joint, 0.01),
         (LoamTarget::LastCloud, LoamSolve::Joint, 0.05),
+        (LoamTarget::LocalMap, LoamSolve::TwoStep, 0.01),
+        (LoamTarget::LastCloud, LoamSolve::TwoStep, 0.05),
         (LoamTarget::LastCloudThenMap, LoamSolve::TwoStep, 0.01),
     ] {
         let steps = walk(&ROOM, &poses, LoamParams { target, solve, ..LoamParams::default() });
@@ -53,6 +55,24 @@ fn a_walk_in_a_room_is_followed_with_every_target_and_solve() {
             let error = pose.between(&step.odom_from_base).log();
             assert!(step.alignment.unwrap().converged(), "{target:?} {solve:?}");
             assert!(error.norm() < bound, "{target:?} {solve:?}: {error:?}");
+        }
+    }
+}
+
+/// A lidar that is carried, tilted and lifted: on the local map two steps end with the joint solve, and are as good as that.
+#[test]
+fn a_walk_that_rolls_and_pitches_is_followed_in_two_steps_too() {
+    let pose = |i: f64| {
+        let turn = So3::from_roll_pitch_yaw(0.12 * (1.3 * i).sin(), 0.12 * (0.9 * i).sin(), 0.15 * i);
+        Se3::from_parts(Vector3::new(0.2 * i, 0.1 * i, 0.15 * (1.7 * i).sin()), turn)
+    };
+    let poses: Vec<_> = (0..12).map(f64::from).map(pose).collect();
+    for solve in [LoamSolve::Joint, LoamSolve::TwoStep] {
+        let steps = walk(&ROOM, &poses, LoamParams { solve, ..LoamParams::default() });
+        for (step, pose) in steps.iter().zip(&poses).skip(1) {
+            assert!(step.alignment.unwrap().converged(), "{solve:?}: {step:?}");
+            let error = pose.between(&step.odom_from_base).log();
+            assert!(error.norm() < 0.01, "{solve:?}: {error:?}");
         }
     }
 }
@@ -82,6 +102,26 @@ fn along_a_corridor_the_prior_is_kept_and_the_direction_reported() {
     let found = step.odom_from_base.translation();
     assert!((found.x - 0.43).abs() < 0.01, "{found}");
     assert!((found.y - 0.05).abs() < 0.01 && found.z.abs() < 0.01, "{found}");
+}
+
+#[test]
+fn clouds_that_are_nearly_blind_move_neither_the_pose_nor_the_map() {
+    for target in [LoamTarget::LocalMap, LoamTarget::LastCloud, LoamTarget::LastCloudThenMap] {
+        let mut odometry = odometry(LoamParams { target, ..LoamParams::default() });
+        let room = cloud(&sheets(&ROOM, 60.0, 0), &Se3::identity());
+        for draw in 0..4 {
+            odometry.process(&cloud(&sheets(&ROOM, 60.0, draw), &Se3::identity()), None).unwrap();
+        }
+        for count in [1, 5, 20, 40] {
+            let few = PointCloud::from_points((0..count).map(|i| room.point(i * room.len() / count)));
+            odometry.process(&room, None).unwrap();
+            let map = odometry.map().len();
+            let step = odometry.process(&few, None).unwrap();
+            assert_eq!(step.alignment.unwrap().termination, Termination::TooFewPoints, "{target:?} {count}");
+            assert!(step.odom_from_base.log().norm() < 0.02, "{target:?} {count}: {step:?}");
+            assert_eq!(odometry.map().len(), map, "{target:?} {count}");
+        }
+    }
 }
 
 #[test]

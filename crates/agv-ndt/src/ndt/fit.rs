@@ -14,13 +14,10 @@ use super::objective::ScoreObjective;
 use super::search::MAX_BLOCKS;
 use crate::cells::pack;
 use crate::preprocess::is_one_of_every;
-use crate::registration::Facing;
+use crate::registration::{Facing, INLIER};
 use agv_core::geometry::Se3;
 use nalgebra::{Matrix3, Matrix6, Vector3};
 use std::ops::Range;
-
-/// 95 % quantile of χ² with three degrees of freedom.
-const INLIER: f32 = 7.815;
 
 /// One of so many points has its directions summed up: shares need no more.
 const STRIDE: usize = 4;
@@ -97,7 +94,7 @@ impl ScoreObjective<'_> {
             let nearest = nearest(frame, y, blocks);
             let Some((distance, block, lane)) = nearest else { continue };
             sums.matches += 1;
-            let inlier = distance <= INLIER;
+            let inlier = distance <= INLIER as f32;
             sums.inliers += usize::from(inlier);
             sums.likelihood += f64::from(frame.likelihood(distance));
             if inlier && is_one_of_every(STRIDE, index) {

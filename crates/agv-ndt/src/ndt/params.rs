@@ -4,7 +4,7 @@ use super::{
     gaussian::{MAX_DOUBLINGS, VoxelParams},
     search::VoxelSearch,
 };
-use crate::registration::{DescentParams, Freedom, Optimizer};
+use crate::registration::{DescentParams, Freedom, MIN_POINTS, Optimizer};
 use agv_core::{Error, check};
 
 /// Parameters of [`NdtRegistration`](super::NdtRegistration).
@@ -30,7 +30,12 @@ pub struct NdtParams {
     pub descent: DescentParams,
     /// How often the search runs through the levels again from where it ended, if that was no good fit.
     pub restarts: u32,
-    /// Share of inliers below which a result is [`PoorFit`](agv_core::roles::Termination::PoorFit).
+    /// Finite points of a source below which a result is [`TooFewPoints`](agv_core::roles::Termination::TooFewPoints): a handful fits
+    /// anywhere.
+    pub min_points: usize,
+    /// Share of inliers below which a result is [`PoorFit`](agv_core::roles::Termination::PoorFit). Coarse voxels explain more than fine
+    /// ones, also where the pose is wrong: the default is for voxels of about a metre. At half a metre right poses fall short of it,
+    /// and far above a metre wrong ones do not (`docs/experiments.md`).
     pub min_inlier_ratio: f64,
     /// Share of the points that must face a direction for it to be observed.
     pub min_facing_share: f64,
@@ -52,6 +57,7 @@ impl Default for NdtParams {
             optimizer: Optimizer::TrustRegion,
             descent: DescentParams::default(),
             restarts: 2,
+            min_points: MIN_POINTS,
             min_inlier_ratio: 0.55,
             min_facing_share: 0.01,
         }
@@ -64,6 +70,7 @@ impl NdtParams {
         self.descent.validate()?;
         check::in_range("coarse_levels", f64::from(self.coarse_levels), 0.0, f64::from(MAX_DOUBLINGS))?;
         check::in_range("outlier_ratio", self.outlier_ratio, 0.001, 0.999)?;
+        check::at_least("min_points", self.min_points, 1)?;
         check::in_range("min_inlier_ratio", self.min_inlier_ratio, 0.0, 1.0)?;
         check::positive("min_facing_share", self.min_facing_share)?;
         check::in_range("min_facing_share", self.min_facing_share, 0.0, 1.0)?;

@@ -12,6 +12,7 @@ use super::objective::{ScoreObjective, SourcePoints};
 use super::params::NdtParams;
 use super::search::Surroundings;
 use crate::Error;
+use crate::checks::finite_pose;
 use crate::registration::{Descent, DescentParams, Objective, Optimizer};
 use agv_core::{
     check,
@@ -274,7 +275,12 @@ fn conclude(
     if last.matches == 0 || termination == Termination::TooFewPoints {
         return Outcome::lost(&pose, iterations);
     }
-    let Fit { inlier_ratio, nearest_likelihood, unobserved } = objective.fit(&pose, params.min_facing_share, free);
+    // What was held is not asked for again: it is the guess's, whatever the points say where they lie now.
+    let left = Matrix6::identity() - held;
+    let asked = left * free * left;
+    let Fit { inlier_ratio, nearest_likelihood, unobserved } = objective.fit(&pose, params.min_facing_share, &asked);
+    let still_free = unobserved.trace() > 0.5;
+    let unobserved = held + unobserved;
     let report = NdtReport {
         transformation_probability: -last.cost / points,
         nearest_likelihood,
@@ -283,9 +289,8 @@ fn conclude(
     };
     // What explains too little of the source says nothing of directions either.
     let poor = inlier_ratio < params.min_inlier_ratio;
-    let left = Matrix6::identity() - held;
-    let still_free = !poor && (left * unobserved * left).trace() > 0.5;
-    if termination == Termination::Converged {
+    let still_free = !poor && still_free;
+    if matches!(termination, Termination::Converged | Termination::Degenerate) {
         if poor {
             termination = Termination::PoorFit;
         } else if still_free {
@@ -312,10 +317,9 @@ impl Registration for NdtRegistration {
         if self.map.is_empty() {
             return Err(AlignmentError::NoTarget);
         }
-        check::all_finite("guess", guess.translation().iter())?;
-        check::all_finite("guess", guess.rotation().matrix().iter())?;
+        finite_pose("guess", guess)?;
         self.source.refill(source);
-        if self.source.len() == 0 {
+        if self.source.len() < self.params.min_points {
             return Ok(Alignment::unknown(*guess, Termination::TooFewPoints));
         }
         let (result, report) = self.search(guess);

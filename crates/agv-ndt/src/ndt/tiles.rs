@@ -212,16 +212,45 @@ impl NdtTiles {
     }
 
     /// Puts away all tiles that are farther than `radius` metres from a place, and further parts as [`unload`](Self::unload) does: no
-    /// more is here then than what is around that place.
+    /// more is here then than what is around that place. None for a place that is not finite.
     pub fn unload_beyond(&mut self, center: &Vector2<f64>, radius: f64) -> Vec<NdtTile> {
+        if !is_place(center, radius) {
+            return Vec::new();
+        }
         let far = |index: &[i32; 2]| !self.is_within(*index, center, radius);
         let beyond: Vec<_> = self.loaded.keys().copied().filter(far).collect();
         beyond.into_iter().filter_map(|index| self.unload(index)).collect()
     }
 
-    /// Tiles no farther than `radius` metres from a place that are away, by index: what to load.
+    /// Tiles no farther than `radius` metres from a place that are away, by index: what to load. The cost is that of the tiles around the
+    /// place and of the columns of tiles through them, not of all that are away. None for a place that is not finite.
     pub fn missing_within(&self, center: &Vector2<f64>, radius: f64) -> Vec<[i32; 2]> {
-        self.away().filter(|index| self.is_within(*index, center, radius)).collect()
+        if !is_place(center, radius) {
+            return Vec::new();
+        }
+        // Indices are cut to those that there are, and rounding may leave one more on each side.
+        let cell = |at: f64, aside: f64| ((at / self.tile_edge()).floor() + aside) as i32;
+        let [low, high] = [(-radius, -1.0), (radius, 1.0)].map(|(off, aside)| center.map(|at| cell(at + off, aside)));
+        let mut missing = Vec::new();
+        let mut next = [low.x, low.y];
+        while let Some(&[x, y]) = self.away.range(next..).next().filter(|[x, _]| *x <= high.x) {
+            if y < low.y {
+                next = [x, low.y];
+                continue;
+            }
+            if y <= high.y {
+                if self.is_within([x, y], center, radius) {
+                    missing.push([x, y]);
+                }
+                if let Some(above) = y.checked_add(1) {
+                    next = [x, above];
+                    continue;
+                }
+            }
+            let Some(beside) = x.checked_add(1) else { break };
+            next = [beside, low.y];
+        }
+        missing
     }
 
     /// Whether a tile is no farther than `radius` metres from a place.
@@ -264,6 +293,10 @@ impl NdtTiles {
             voxels
         })
     }
+}
+
+fn is_place(center: &Vector2<f64>, radius: f64) -> bool {
+    center.x.is_finite() && center.y.is_finite() && !radius.is_nan()
 }
 
 #[cfg(test)]

@@ -6,7 +6,7 @@ use crate::Error;
 use agv_core::{
     check,
     geometry::{LieGroup, Se3, So3, Twist3},
-    roles::{Alignment, AlignmentError, LidarOdometry, LidarOdometryStep, Registration, Termination},
+    roles::{AlignmentError, LidarOdometry, LidarOdometryStep, Registration, Termination},
     sensors::{ConstantTwist, Deskew, LidarReturn, PointCloud, VoxelGrid},
     time::Stamp,
 };
@@ -45,7 +45,9 @@ impl FollowParams {
 ///
 /// The map is handed to the registration anew after each cloud, so that its target's cost counts; [`LoamOdometry`] has a map that grows
 /// in place. Clouds with times are deskewed by the motion that is expected, and again if another is found. The map keeps the mean of each cube's latest 64 points or so.
-/// Directions that the cloud does not fix keep the prediction.
+/// Directions that the cloud does not fix keep the prediction: a registration is taken at its word that what ends as
+/// [`Degenerate`](Termination::Degenerate) is a good fit along the others. Those of this crate end as
+/// [`PoorFit`](Termination::PoorFit) or [`TooFewPoints`](Termination::TooFewPoints) if it is not.
 ///
 /// [`LoamOdometry`]: crate::loam::LoamOdometry
 ///
@@ -155,12 +157,12 @@ impl<R: Registration> Matcher for MapMatcher<R> {
 
     fn track(&mut self, guess: &Se3, _sigma: f64) -> Result<Tracked, AlignmentError> {
         if !self.has_target {
-            let alignment = Alignment::unknown(*guess, Termination::TooFewPoints);
-            return Ok(Tracked { alignment, is_usable: false, is_clear: false });
+            return Ok(Tracked::nothing(guess));
         }
         let odom_from_target = Se3::from_parts(self.window.center(), So3::default());
         let mut alignment = self.registration.align(&self.source, &odom_from_target.between(guess))?;
         alignment.target_from_source = odom_from_target.compose(&alignment.target_from_source);
+        // A fit that leaves directions free is a good one along the others: those keep the prediction.
         let is_usable = alignment.converged() || alignment.termination == Termination::Degenerate;
         Ok(Tracked { alignment, is_usable, is_clear: alignment.converged() })
     }
@@ -198,9 +200,9 @@ impl<R: Registration> LidarOdometry for Follow<R> {
 mod tests {
     use super::*;
     use crate::gicp::{PointMetric, PointParams, PointRegistration};
-    use crate::ndt::{NdtParams, NdtRegistration};
+    use crate::ndt::{DistributionRegistration, NdtParams, NdtRegistration};
     use crate::scenes::{CORRIDOR, ROOM, cloud, sheets};
-    use agv_core::{geometry::Se2, roles::laws};
+    use agv_core::{geometry::Se2, roles::laws, sensors::PointSource};
 
     fn seen(pose: &Se3, draw: u32) -> PointCloud {
         cloud(&sheets(&ROOM, 60.0, draw), pose)
@@ -225,6 +227,35 @@ mod tests {
         let plane = PointParams { metric: PointMetric::PointToPlane, ..PointParams::default() };
         check(&PointRegistration::new(plane).unwrap(), 0.02);
         check(&NdtRegistration::new(NdtParams::default()).unwrap(), 0.02);
+    }
+
+    /// A vehicle that stands in a room, while its lidar is covered but for a few points.
+    #[test]
+    fn clouds_that_are_nearly_blind_move_neither_the_pose_nor_the_map() {
+        fn stand(registration: impl Registration) {
+            let mut odometry =
+                Follow::new(registration, FollowParams { source_leaf: 0.25, ..Default::default() }).unwrap();
+            for draw in 0..4 {
+                odometry.process(&seen(&Se3::identity(), draw), None).unwrap();
+            }
+            let room = seen(&Se3::identity(), 5);
+            for (count, place) in [1, 5, 20, 40].into_iter().flat_map(|count| [(count, 1), (count, 3)]) {
+                let few = (0..count).map(|i| room.point(place + i * (room.len() - 9) / count));
+                odometry.process(&seen(&Se3::identity(), 6), None).unwrap();
+                let points = odometry.map().len();
+                let step = odometry.process(&PointCloud::from_points(few), None).unwrap();
+                assert_eq!(step.alignment.unwrap().termination, Termination::TooFewPoints, "{count}");
+                assert!(step.odom_from_base.log().norm() < 0.02, "{count}: {step:?}");
+                assert_eq!(odometry.map().len(), points, "{count}");
+            }
+            let step = odometry.process(&room, None).unwrap();
+            assert!(step.alignment.unwrap().converged() && step.odom_from_base.log().norm() < 0.01, "{step:?}");
+        }
+        stand(NdtRegistration::new(NdtParams::default()).unwrap());
+        stand(DistributionRegistration::new(NdtParams::default()).unwrap());
+        for metric in [PointMetric::PointToPlane, PointMetric::Generalized, PointMetric::Voxelized] {
+            stand(PointRegistration::new(PointParams { metric, ..PointParams::default() }).unwrap());
+        }
     }
 
     /// ... also where the last drive went farther than the map's window does at once.

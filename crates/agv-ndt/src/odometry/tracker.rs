@@ -9,14 +9,16 @@
 //!   fits nowhere:  the prediction is the pose, the map stays as it is; after five in a row it is begun anew
 //! ```
 //!
-//! A cloud of a handful of points, where those of the map had many, as of a lidar that is covered, says nothing: it is no reason to doubt
-//! the map.
+//! A cloud of a handful of points, where those of the map had many, as of a lidar that is covered, says nothing: a handful fits anywhere.
+//! It is not aligned, the prediction is the pose, and it is no reason to doubt the map.
 
 use super::{MotionPrior, is_skewed, sweep};
+use crate::checks::finite_pose;
+use crate::registration::MIN_POINTS;
 use agv_core::{
     check,
     geometry::{LieGroup, Se3},
-    roles::{Alignment, AlignmentError, LidarOdometryStep},
+    roles::{Alignment, AlignmentError, LidarOdometryStep, Termination},
     sensors::PointCloud,
 };
 use nalgebra::Vector6;
@@ -28,7 +30,7 @@ pub(crate) const LEAST_SIGMA: f64 = 0.1;
 const GIVE_UP: usize = 5;
 
 /// Points or features of a cloud, below which it says nothing of where the vehicle is, if ...
-const FEWEST: usize = 50;
+const FEWEST: usize = MIN_POINTS;
 
 /// ... it also has less than one in so many of what the last cloud in the map had: what is few depends on the lidar and the place.
 const FEW: usize = 4;
@@ -44,6 +46,12 @@ pub(crate) struct Tracked {
 }
 
 impl Tracked {
+    /// What a cloud amounts to that says nothing.
+    pub(crate) fn nothing(predicted: &Se3) -> Self {
+        let alignment = Alignment::unknown(*predicted, Termination::TooFewPoints);
+        Self { alignment, is_usable: false, is_clear: false }
+    }
+
     /// Whether this explains more of the cloud than another result.
     fn beats(&self, other: &Self) -> bool {
         let rank = |of: &Self| (of.is_usable, of.alignment.converged(), of.alignment.inlier_ratio);
@@ -109,8 +117,7 @@ impl Tracker {
         prior: Option<&Se3>,
     ) -> Result<LidarOdometryStep, AlignmentError> {
         if let Some(prior) = prior {
-            check::all_finite("prior", prior.translation().iter())?;
-            check::all_finite("prior", prior.rotation().matrix().iter())?;
+            finite_pose("prior", prior)?;
         }
         let stamp = cloud.stamp();
         let Some(mut state) = self.prior else {
@@ -131,7 +138,7 @@ impl Tracker {
         let (count, range) = search.matcher.placed();
         let tells = count >= FEWEST.min(self.usual / FEW).max(1);
         let sigma = state.sigma().max(LEAST_SIGMA);
-        let mut found = search.matcher.track(&predicted, sigma)?;
+        let mut found = if tells { search.matcher.track(&predicted, sigma)? } else { Tracked::nothing(&predicted) };
         if !found.is_clear && tells && search.matcher.has_map() {
             found = search.again(&found, (&origin, &predicted), sigma, self.initial_sigma, velocity(&origin))?;
         }

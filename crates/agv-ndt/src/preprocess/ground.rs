@@ -10,6 +10,7 @@
 //! Clouds without lines have a plane fitted to them: three points at a time are tried (Fischler and Bolles, *RANSAC*, 1981), those
 //! alone that lie level, and the plane with the most points near it is refined by them.
 
+use super::one_of_every;
 use crate::Error;
 use crate::eigen::SymmetricEigen;
 use agv_core::{
@@ -168,8 +169,8 @@ impl GroundFilter {
                 continue;
             }
             let plane = GroundPlane { normal, offset: normal.dot(&a) };
-            let near = |&&index: &&u32| self.distance(&plane, index) <= self.params.plane_distance;
-            let support = self.low.iter().step_by(step).filter(near).count();
+            let near = |&place: &usize| self.distance(&plane, self.low[place]) <= self.params.plane_distance;
+            let support = one_of_every(step, self.low.len()).filter(near).count();
             if best.is_none_or(|(most, _)| support > most) {
                 best = Some((support, plane));
             }
@@ -242,6 +243,20 @@ mod tests {
         let (right, found) = shares(&marked);
         assert!(right > 0.9 && found > 0.95, "{right} {found}");
         assert!(plane.normal.z > 0.9999 && plane.offset.abs() < 0.02, "{plane:?}");
+    }
+
+    /// A quarter of the points are on a lower sheet, in step with those that planes are judged by if these were every fourth.
+    #[test]
+    fn the_order_of_the_points_does_not_choose_the_ground() {
+        let points = (0..8000_u16).map(|i| {
+            let z = if i % 4 == 0 { -0.5 } else { 0.0 };
+            Vector3::new(f32::from(i % 83) * 0.1, f32::from(i / 83) * 0.1, z)
+        });
+        let mut marked = Vec::new();
+        let plane =
+            filter(GroundParams::default()).by_plane_into(&PointCloud::from_points(points), &mut marked).unwrap();
+        assert!(plane.offset.abs() < 1e-3, "{plane:?}");
+        assert_eq!(marked.iter().filter(|ground| **ground).count(), 6000);
     }
 
     #[test]

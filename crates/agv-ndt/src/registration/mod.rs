@@ -29,6 +29,13 @@ pub use quadratic::{MotionSums, PointDerivatives, Quadratic};
 
 use agv_core::geometry::Se3;
 
+/// 95 % quantile of χ² with three degrees of freedom: squares of distances from a distribution, in its deviations, up to which a point
+/// belongs to it.
+pub(crate) const INLIER: f64 = 7.815;
+
+/// Points of a source, or of what odometry places, below which they say nothing of the pose, unless the caller knows better.
+pub(crate) const MIN_POINTS: usize = 50;
+
 /// A cost over poses, to second order.
 pub trait Objective {
     /// The cost near `pose`. What it says must depend on the pose alone.

@@ -43,6 +43,10 @@ pub fn read(path: impl AsRef<Path>) -> Result<PointCloud, Error> {
 /// As [`read`].
 pub fn parse(input: &Input) -> Result<PointCloud, Error> {
     let bytes = input.bytes();
+    // A download that failed, and not a cloud without points.
+    if bytes.is_empty() {
+        return Err(input.file_error("there is nothing in it"));
+    }
     if bytes.starts_with(b"ply") {
         return ply::parse(input);
     }
@@ -84,5 +88,9 @@ mod tests {
     fn what_is_no_cloud_is_said() {
         let error = parse(&Input::new("a.txt", "hello")).unwrap_err().to_string();
         assert!(error.contains("a.txt: neither PLY nor PCD"), "{error}");
+        for name in ["a.xyz.f32", "a.xyz.f32.gz", "a.ply"] {
+            let error = parse(&Input::new(name, "")).unwrap_err().to_string();
+            assert!(error.contains(&format!("{name}: there is nothing in it")), "{error}");
+        }
     }
 }

@@ -142,6 +142,54 @@ fn pairs_without_normals_are_inliers_by_their_distance() {
     }
 }
 
+/// A handful fits anywhere.
+#[test]
+fn a_handful_of_points_is_too_few_unless_the_caller_knows_better() {
+    let (target, source) = room(&truth());
+    let few = |count: usize| PointCloud::from_points((0..count).map(|i| source.point(i * source.len() / count)));
+    for metric in METRICS {
+        let mut icp = registration(metric);
+        icp.set_target(&target).unwrap();
+        for count in [1, 5, 20, 40] {
+            let found = icp.align(&few(count), &Se3::identity()).unwrap();
+            assert_eq!(found, Alignment::unknown(Se3::identity(), Termination::TooFewPoints), "{metric:?} {count}");
+        }
+        assert_ne!(icp.align(&few(50), &Se3::identity()).unwrap().termination, Termination::TooFewPoints, "{metric:?}");
+        icp = PointRegistration::new(PointParams { metric, min_points: 40, ..PointParams::default() }).unwrap();
+        icp.set_target(&target).unwrap();
+        assert_ne!(icp.align(&few(40), &Se3::identity()).unwrap().termination, Termination::TooFewPoints, "{metric:?}");
+    }
+}
+
+/// Points all over a ball of a metre, without any surface, each draw for itself (Steele's `SplitMix64`).
+fn ball(count: usize, draw: u64) -> Vec<Vector3<f64>> {
+    let random = |n: u64| {
+        let mixed = n.wrapping_mul(0x9e37_79b9_7f4a_7c15);
+        let mixed = (mixed ^ (mixed >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+        let mixed = (mixed ^ (mixed >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+        (mixed ^ (mixed >> 31)) as f64 / u64::MAX as f64 * 2.0 - 1.0
+    };
+    let at = |n: u64| Vector3::new(random(3 * n), random(3 * n + 1), random(3 * n + 2));
+    (1_000_000 * draw + 1..).map(at).filter(|p| p.norm() < 1.0).take(count).collect()
+}
+
+/// Where there are points everywhere, there is one beside each, however the cloud is turned: not so a surface that faces the same way. To
+/// planes alone that cannot be told, since the source's are not looked for.
+#[test]
+fn a_blob_without_surfaces_is_not_found_turned() {
+    let turned = Se3::from_parts(Vector3::zeros(), So3::from_roll_pitch_yaw(0.0, 0.0, 0.5));
+    for metric in [PointMetric::Generalized, PointMetric::Voxelized] {
+        for count in [200, 1000] {
+            let mut icp = registration(metric);
+            icp.set_target(&cloud(&ball(count, 1), &Se3::identity())).unwrap();
+            let found = icp.align(&cloud(&ball(count, 2), &turned), &Se3::identity()).unwrap();
+            assert!(found.target_from_source.minus(&turned).norm() > 0.4, "{metric:?} {count}: {found:?}");
+            assert!(found.inlier_ratio < 0.4, "{metric:?} {count}: {found:?}");
+            assert_eq!(found.termination, Termination::PoorFit, "{metric:?} {count}: {found:?}");
+        }
+    }
+}
+
 #[test]
 fn hopeless_sources_and_targets_are_outcomes() {
     let (target, source) = room(&truth());
@@ -163,6 +211,9 @@ fn hopeless_sources_and_targets_are_outcomes() {
                             "{metric:?}: {found:?}"
                         );
                         assert!(found.covariance(PoseSigma::default()).is_ok(), "{metric:?}: {found:?}");
+                        if source.len() < 50 || guess == far {
+                            assert_eq!(found.termination, Termination::TooFewPoints, "{metric:?}: {found:?}");
+                        }
                         assert!(
                             !found.converged() || target.len() > 1000 && source.len() > 1000,
                             "{metric:?}: {found:?}"
@@ -186,6 +237,7 @@ fn bad_parameters_are_named() {
         PointParams { kernel: Some(1e-170), ..good },
         PointParams { kernel: Some(1e170), ..good },
         PointParams { inlier_distance: -1.0, ..good },
+        PointParams { min_points: 0, ..good },
         PointParams { min_inlier_ratio: 2.0, ..good },
         PointParams { min_facing_share: 0.0, ..good },
     ] {

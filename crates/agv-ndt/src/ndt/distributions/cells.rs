@@ -14,16 +14,13 @@ use super::super::map::NdtMap;
 use super::super::mixture::Mixture;
 use crate::Error;
 use crate::cells::{CellTable, floor, pack, pack_within};
-use crate::registration::{Facing, Objective, PointDerivatives, Quadratic, quadratic::MotionSums};
+use crate::registration::{Facing, INLIER, Objective, PointDerivatives, Quadratic, quadratic::MotionSums};
 use agv_core::{
     compute::{CHUNK, Par},
     geometry::Se3,
     sensors::PointSource,
 };
 use nalgebra::{Matrix3, Matrix6, Vector3};
-
-/// 95 % quantile of χ² with three degrees of freedom.
-const INLIER: f64 = 7.815;
 
 /// Distributions of a cloud, for look-ups.
 #[derive(Debug, Clone)]
@@ -103,13 +100,16 @@ impl Overlap<'_> {
     /// Share of the source's distributions whose nearest partner is one, and the directions that the pairs leave free.
     pub(super) fn fit(&self, pose: &Se3, min_share: f64, free: &Matrix6<f64>) -> (f64, Matrix6<f64>) {
         let rotation = pose.rotation().matrix();
-        let (mut facing, mut inliers) = (Facing::default(), 0);
+        let (mut facing, mut inliers) = (Facing::default(), 0_usize);
         for own in &self.source.gaussians {
             let nearest = self.pairs(pose, &rotation, own).min_by(|a, b| a.mahalanobis().total_cmp(&b.mahalanobis()));
             let Some(pair) = nearest else { continue };
             let relative = pair.information / pair.information.trace();
-            facing.add(&pair.y, &(relative * relative));
-            inliers += usize::from(pair.mahalanobis() <= INLIER);
+            // What does not fit says nothing of the direction that it faces.
+            if pair.mahalanobis() <= INLIER {
+                facing.add(&pair.y, &(relative * relative));
+                inliers += 1;
+            }
         }
         let share = inliers as f64 / self.source.gaussians.len().max(1) as f64;
         (share, facing.unobserved(pose, min_share, free))

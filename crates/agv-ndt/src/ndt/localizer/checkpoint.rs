@@ -2,8 +2,8 @@
 
 use super::{NdtLocalizer, NdtLocalizerParams, NdtMap, State};
 use crate::Error;
+use crate::checks::finite_pose;
 use agv_core::{
-    check,
     geometry::Se3,
     roles::{Alignment, StatusMonitor},
 };
@@ -24,8 +24,7 @@ impl TryFrom<RawLocalizer> for NdtLocalizer {
     fn try_from(raw: RawLocalizer) -> Result<Self, Error> {
         let mut localizer = Self::new(&raw.map, raw.params)?;
         for place in &raw.places {
-            check::all_finite("place", place.translation().iter())?;
-            check::all_finite("place", place.rotation().matrix().iter())?;
+            finite_pose("place", place)?;
         }
         // None, too, come back as they were, whatever floors the map has shown since.
         localizer.places = raw.places;
@@ -37,8 +36,7 @@ impl TryFrom<RawLocalizer> for NdtLocalizer {
                 }
             }
             for (_, pose) in &state.track {
-                check::all_finite("pose of the track", pose.translation().iter())?;
-                check::all_finite("pose of the track", pose.rotation().matrix().iter())?;
+                finite_pose("pose of the track", pose)?;
             }
         }
         (localizer.state, localizer.monitor, localizer.alignment) = (raw.state, raw.monitor, raw.alignment);

@@ -34,6 +34,7 @@ pub use params::{DriftParams, NdtLocalizerParams, SearchParams};
 use super::map::NdtMap;
 use super::registration::NdtRegistration;
 use crate::Error;
+use crate::checks::finite_pose;
 use agv_core::{
     check,
     compute::Par,
@@ -146,8 +147,7 @@ impl NdtLocalizer {
         let places: Vec<_> = places.into_iter().collect();
         check::at_least("places", places.len(), 1)?;
         for place in &places {
-            check::all_finite("place", place.translation().iter())?;
-            check::all_finite("place", place.rotation().matrix().iter())?;
+            finite_pose("place", place)?;
         }
         self.places = places;
         Ok(self)
@@ -172,8 +172,7 @@ impl NdtLocalizer {
     pub fn insert_straightened(&mut self, map_from_base: &Se3) -> Result<usize, Error> {
         let map_from_sensor = map_from_base.compose(&self.straight.base_from_sensor());
         if !self.is_fresh {
-            check::all_finite("map_from_base", map_from_base.translation().iter())?;
-            check::all_finite("map_from_base", map_from_base.rotation().matrix().iter())?;
+            finite_pose("map_from_base", map_from_base)?;
             return Ok(0);
         }
         let inserted = self.ndt.insert(&self.straight, &map_from_sensor)?;

@@ -126,11 +126,13 @@ impl NdtScanMatcher {
         }
     }
 
-    /// The result of a descent on the finest level.
-    fn conclude(&self, level: &Level, found: &Descent, iterations: usize) -> Alignment<Se2> {
-        let mut result = Alignment::unknown(found.pose, found.termination);
+    /// The result of a descent on the finest level that began with `guess`.
+    fn conclude(&self, level: &Level, found: &Descent, guess: &Se2, iterations: usize) -> Alignment<Se2> {
+        let is_finite = found.pose.is_finite() && found.quadratic.cost.is_finite();
+        let termination = if is_finite { found.termination } else { Termination::Stalled };
+        let mut result = Alignment::unknown(if is_finite { found.pose } else { *guess }, termination);
         result.iterations = iterations;
-        if found.termination == Termination::TooFewPoints || !found.pose.is_finite() {
+        if found.termination == Termination::TooFewPoints || !is_finite {
             return result;
         }
         let Fit { inliers, facing, matches } = level.fit(&self.points, &found.pose);
@@ -189,7 +191,7 @@ impl ScanMatcher for NdtScanMatcher {
             (pose, iterations) = (found.pose, iterations + found.iterations);
         }
         let found = self.descend(finest, &pose, 1.0);
-        Ok(self.conclude(finest, &found, iterations + found.iterations))
+        Ok(self.conclude(finest, &found, guess, iterations + found.iterations))
     }
 }
 

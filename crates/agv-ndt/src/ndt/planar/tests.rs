@@ -51,6 +51,23 @@ proptest! {
     }
 }
 
+/// Nothing that a scan can bring about; should it be all the same, the guess is what is known.
+#[test]
+fn a_pose_that_is_no_number_does_not_come_out() {
+    let target = scan(&room(), &Se2::default(), 1);
+    let mut matcher = matcher(&target);
+    let guess = Se2::new(0.1, 0.2, 0.3);
+    let good = matcher.match_scan(&target, &guess).unwrap();
+    assert!(good.converged());
+    let quadratic = matcher.levels[0].evaluate(&matcher.points, &guess);
+    for bad in [f64::NAN, f64::INFINITY] {
+        let descent =
+            Descent { pose: Se2::new(bad, 0.0, 0.0), quadratic, termination: Termination::Converged, iterations: 3 };
+        let found = matcher.conclude(&matcher.levels[0], &descent, &guess, 5);
+        assert_eq!((found.target_from_source, found.termination, found.iterations), (guess, Termination::Stalled, 5));
+    }
+}
+
 /// Only the walls along a corridor are in sight.
 #[test]
 fn a_corridor_is_degenerate_lengthwise() {

@@ -2,6 +2,7 @@
 
 use super::NdtRegistration;
 use crate::Error;
+use crate::checks::finite_pose;
 use crate::ndt::NdtMap;
 use agv_core::{geometry::Se3, sensors::PointSource};
 
@@ -13,8 +14,7 @@ impl NdtRegistration {
     /// # Errors
     /// A first cloud without enough points in any voxel, or a pose that is not finite; nothing is changed.
     pub fn insert(&mut self, points: &(impl PointSource + ?Sized), map_from_source: &Se3) -> Result<usize, Error> {
-        agv_core::check::all_finite("map_from_source", map_from_source.translation().iter())?;
-        agv_core::check::all_finite("map_from_source", map_from_source.rotation().matrix().iter())?;
+        finite_pose("map_from_source", map_from_source)?;
         self.spare.clear();
         let inserted = self.spare.insert(points, map_from_source);
         if self.map.is_empty() {

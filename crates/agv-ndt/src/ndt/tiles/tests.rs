@@ -42,6 +42,29 @@ proptest! {
     }
 }
 
+proptest! {
+    /// What is missing around a place is what a look at all that is away says, in the same order.
+    #[test]
+    fn nothing_that_is_missing_is_missed(
+        points in prop::collection::vec(prop::array::uniform3(-900.0..900.0_f32), 1..100),
+        tile_voxels in 1..40_usize, center in prop::array::uniform2(-1000.0..1000.0_f64), radius in 0.0..1500.0_f64,
+    ) {
+        let points: Vec<_> = points.into_iter().map(Vector3::from).collect();
+        let mut tiles = tiles(tile_voxels);
+        tiles.insert(points.as_slice(), &Se3::default());
+        tiles.unload_beyond(&Vector2::from(center), -1.0);
+        prop_assert!(tiles.is_empty());
+        let nowhere = Vector2::new(f64::NAN, 0.0);
+        prop_assert!(tiles.missing_within(&nowhere, 1.0).is_empty() && tiles.unload_beyond(&nowhere, 1.0).is_empty());
+        for center in [center, [0.0, 0.0], [1e300, -1e300]].map(Vector2::from) {
+            for radius in [radius, 0.0, 1e300, f64::INFINITY, -1.0, f64::NAN] {
+                let all: Vec<_> = tiles.away().filter(|index| tiles.is_within(*index, &center, radius)).collect();
+                prop_assert_eq!(tiles.missing_within(&center, radius), all);
+            }
+        }
+    }
+}
+
 #[test]
 fn what_is_aligned_with_tiles_has_the_bits_of_the_whole() {
     let mut whole = NdtMap::new(VoxelParams::default()).unwrap();

@@ -1,5 +1,5 @@
 use super::*;
-use agv_core::{geometry::Se2, roles::Termination, time::Stamp};
+use agv_core::{geometry::Se2, time::Stamp};
 use nalgebra::Vector3;
 
 /// Finds what it is told to, and writes down what it was asked.
@@ -99,7 +99,7 @@ fn clouds_that_say_nothing_do_not_cost_the_map_and_five_that_fit_nowhere_do_once
     let driven = drive(&mut tracker, &mut script, 500);
     for second in driven..driven + 20 {
         step(&mut tracker, &mut script, second, 3, None);
-        assert_eq!((script.tries.len(), script.forgotten), (1, 0), "neither tried again nor a reason to doubt the map");
+        assert_eq!((script.tries.len(), script.forgotten), (0, 0), "neither tried nor a reason to doubt the map");
     }
     doubted(&mut tracker, &mut script, driven + 20, 500);
     step(&mut tracker, &mut script, driven + 25, 500, None);
@@ -107,6 +107,24 @@ fn clouds_that_say_nothing_do_not_cost_the_map_and_five_that_fit_nowhere_do_once
     let place = 0.5 * f64::from(driven + 26);
     step(&mut tracker, &mut script, driven + 26, 500, Some(place));
     assert_eq!(script.map.len(), 2);
+}
+
+/// ... also where a handful of points fits somewhere, as it does anywhere.
+#[test]
+fn clouds_that_say_nothing_move_neither_the_pose_nor_the_map() {
+    let (mut tracker, mut script) = (Tracker::new(2.0), Script::default());
+    let driven = drive(&mut tracker, &mut script, 500);
+    let last = 0.5 * f64::from(driven - 1);
+    for (second, count) in (driven..).zip([0, 1, 5, 20, 49]) {
+        let found = step(&mut tracker, &mut script, second, count, Some(last + 1.8));
+        let expected = 0.5 * f64::from(second);
+        assert!((found.odom_from_base.translation().x - expected).abs() < 1e-9, "{count}: {found:?}");
+        assert_eq!(found.alignment.unwrap().termination, Termination::TooFewPoints, "{count}");
+        assert_eq!(script.map.len(), 30, "{count}");
+    }
+    // What the map had before is the measure still.
+    let found = step(&mut tracker, &mut script, driven + 5, 500, Some(0.5 * f64::from(driven + 5)));
+    assert!(found.alignment.unwrap().converged() && script.map.len() == 31);
 }
 
 /// Half a metre a second, until the prediction is trusted; tells the next second.

@@ -1,0 +1,128 @@
+//! Which key frames are neighbours: those that relations tie together near by.
+//!
+//! Their numbers do not say: where a place that is known lies between them, two that follow one another may be far apart, and where the
+//! vehicle left its old way for a metre, one may stand alone among older ones.
+
+use super::KeyFrameMap;
+use agv_core::geometry::Se3;
+
+/// How far apart two key frames may be whose relation ties them to one group, in distances of key frames.
+const GAP: f64 = 4.0;
+
+fn distance(a: &Se3, b: &Se3) -> f64 {
+    (a.translation() - b.translation()).norm()
+}
+
+impl KeyFrameMap {
+    /// For each of some key frames, given in rising order, the place among them of the first that it is tied to, directly or by others.
+    pub(super) fn groups(&self, members: &[usize]) -> Vec<usize> {
+        let (poses, gap) = (self.graph.poses(), GAP * self.params.distance);
+        let ties = self.graph.relations().iter().filter_map(|relation| {
+            let (from, to) = (relation.from.index(), relation.to.index());
+            let (a, b) = (members.binary_search(&from).ok()?, members.binary_search(&to).ok()?);
+            (distance(poses.get(from)?, poses.get(to)?) <= gap).then_some((a, b))
+        });
+        let ties: Vec<(usize, usize)> = ties.collect();
+        let mut first: Vec<usize> = (0..members.len()).collect();
+        // A few rounds: most relations come in the order of the drive.
+        loop {
+            let mut is_settled = true;
+            for &(a, b) in &ties {
+                is_settled &= first[a] == first[b];
+                let least = first[a].min(first[b]);
+                (first[a], first[b]) = (least, least);
+            }
+            if is_settled {
+                return first;
+            }
+        }
+    }
+
+    /// Old key frames whose clouds together make the place of one of them, itself the first: the nearest of those that are tied to
+    /// it, as many as [`neighbours`](super::LoopParams::neighbours) to either side. None is farther than these are where key frames are twice as
+    /// far apart as they may be near.
+    pub(super) fn neighbours(&self, anchor: usize) -> Vec<usize> {
+        let (poses, loops) = (self.graph.poses(), &self.params.loops);
+        let (Some(here), Some(last)) = (poses.get(anchor), self.keys.last()) else { return Vec::new() };
+        let reach = 2.0 * loops.neighbours as f64 * self.params.distance;
+        let off = |index: usize| distance(&poses[index], here);
+        // What was seen just now is no place from before.
+        let is_old = |index: usize| last.way - self.keys[index].way >= loops.min_way;
+        let near: Vec<usize> = (0..self.keys.len()).filter(|&index| is_old(index) && off(index) <= reach).collect();
+        let groups = self.groups(&near);
+        let Some(own) = near.binary_search(&anchor).ok().map(|place| groups[place]) else { return Vec::new() };
+        let tied = near.into_iter().zip(groups).filter(|(_, group)| *group == own);
+        let mut tied: Vec<(f64, usize)> = tied.map(|(index, _)| (off(index), index)).collect();
+        tied.sort_by(|a, b| a.0.total_cmp(&b.0).then(a.1.cmp(&b.1)));
+        tied.truncate(2 * loops.neighbours + 1);
+        tied.into_iter().map(|(_, index)| index).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::pipeline::mapping::{KeyFrame, KeyFrameParams, closures::Closure};
+    use agv_core::{
+        geometry::Se2,
+        nalgebra::{Matrix6, Vector3},
+        sensors::PointCloud,
+    };
+    use agv_filters::graph::{PoseId, Relation};
+
+    /// Key frames at these places, each related to the one before but where `cut` says so, after ways of a metre each, and a last one
+    /// far on.
+    fn map(places: &[[f64; 2]], cut: &[u32]) -> KeyFrameMap {
+        let mut map = KeyFrameMap::new(KeyFrameParams::default()).unwrap();
+        let cloud = PointCloud::from_points([Vector3::new(1.0, 2.0, 3.0)]);
+        for (i, [x, y]) in places.iter().enumerate() {
+            let to = map.graph.add_pose(Se2::new(*x, *y, 0.0).into()).unwrap();
+            map.keys.push(KeyFrame { cloud: cloud.clone(), way: i as f64 });
+            if to.0 > 0 && !cut.contains(&to.0) {
+                let relation = Relation::new(PoseId(to.0 - 1), to, Se3::default(), Matrix6::identity());
+                map.graph.add_relation(relation).unwrap();
+            }
+        }
+        map.way = 1000.0;
+        map.graph.add_pose(Se2::new(50.0, 0.0, 0.0).into()).unwrap();
+        map.keys.push(KeyFrame { cloud, way: 1000.0 });
+        map
+    }
+
+    /// A lane that was driven until it was known, and went on in another one six metres aside: the numbers go on as if nothing were between.
+    #[test]
+    fn what_follows_far_away_is_no_neighbour() {
+        let places: Vec<_> = (0..10).map(|i| [f64::from(i % 5), if i < 5 { 0.0 } else { 6.0 }]).collect();
+        let map = map(&places, &[]);
+        assert_eq!(map.neighbours(4), [4, 3, 2, 1, 0]);
+        assert_eq!(map.neighbours(5), [5, 6, 7, 8, 9]);
+        assert_eq!(map.groups(&[3, 4, 5, 6]), [0, 0, 2, 2]);
+    }
+
+    /// One key frame that stands alone among older ones, to which it is tied, is of their place; one that nothing ties to them is not.
+    #[test]
+    fn what_is_tied_near_by_is_a_neighbour() {
+        let mut map =
+            map(&[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [30.0, 0.0], [31.0, 0.0], [1.2, 0.8], [0.8, -0.8]], &[3, 5, 6]);
+        let find = Closure {
+            from: 1,
+            to: 5,
+            from_from_to: Se2::new(0.2, 0.8, 0.0).into(),
+            information: Matrix6::identity(),
+            inlier_ratio: 0.9,
+            unobserved: Matrix6::zeros(),
+        };
+        assert_eq!(map.neighbours(5), [5]);
+        map.graph.add_relation(find.relation()).unwrap();
+        assert_eq!(map.neighbours(5), [5, 1, 2, 0]);
+        assert_eq!(map.neighbours(6), [6]);
+        assert_eq!(map.neighbours(7), [0_usize; 0], "the last one is no place from before");
+        // Told once: it waits no more.
+        let other = Closure { from_from_to: Se2::new(0.2, 9.0, 0.0).into(), ..find };
+        let here = Closure { from: 0, to: 7, from_from_to: Se2::new(0.0, 20.0, 0.0).into(), ..find };
+        map.keys[5].way = 995.0;
+        map.pending = vec![other, Closure { from: 2, ..other }];
+        assert!(map.believed(&here).is_empty());
+        assert_eq!(map.pending, [Closure { from: 2, ..other }, here]);
+    }
+}
