@@ -99,7 +99,7 @@ where
         let weighed = self.move_and_weigh(observation);
         let (outcome, pose) = match weighed {
             Err(reason) => {
-                self.move_unseeing(observation.sensor())?;
+                self.move_unseeing(observation.sensor());
                 (UpdateOutcome::Skipped(reason), known.pose)
             }
             Ok((whole, sums)) => {
@@ -180,27 +180,25 @@ where
 
     /// Moves the particles by a draw of the pending motion where it is as long as one between updates, though nothing was seen: the
     /// noise of a motion grows with its square, and one draw for all of a blind way would spread them much too far.
-    fn move_unseeing(&mut self, sensor: SensorId) -> Result<(), Error>
+    fn move_unseeing(&mut self, sensor: SensorId)
     where
         U: UpdatePolicy,
     {
         let seed = self.seed_for(Draw::Motion);
         let Belief { particles, pending, step, known, .. } = &mut self.belief;
-        let Some(motion) = *pending else { return Ok(()) };
-        if !self.rules.update.is_due(&UpdateContext::new(sensor, motion.start_from_end)) {
-            return Ok(());
-        }
+        let is_long = |motion: &mut OdometryIncrement| {
+            self.rules.update.is_due(&UpdateContext::new(sensor, motion.start_from_end))
+        };
+        let Some(motion) = pending.take_if(is_long) else { return };
         let model = &self.motion;
         particles.propose(self.par, |chunk: usize, poses: &[Se2], moved: &mut [Se2]| {
             model.propagate(&motion, poses, moved, &mut seed.stream(*step, chunk as u64));
         });
         particles.adopt();
         *step = step.wrapping_add(1);
-        *pending = None;
         if let Some(known) = known {
             known.moments = known.pose;
         }
-        Ok(())
     }
 
     /// The estimate at the peak of the observation's likelihood; what was `known` before keeps it there where the observation says
