@@ -181,26 +181,30 @@ fn table(site: &str, rows: &[Report]) -> String {
     text
 }
 
-/// The crate's default filter, switched on anywhere in a map.
+/// The crate's default filter, switched on anywhere in a map; beside it, on the same drives, one that is told where it starts: what that
+/// one does not follow to the end, because nothing is in sight there, no start can bring.
 fn switched_on(args: &Args, site: &Site, out: &FilePath) -> Result<Report> {
     let progress = Progress::new(args.seeds as usize, "switching on");
-    let (mut found, mut times, mut lost, mut timings, mut counts) =
-        (0, Vec::new(), Vec::new(), Timings::default(), 0.0);
+    let (mut found, mut followed, mut times, mut lost, mut timings, mut counts) =
+        (0, 0, Vec::new(), Vec::new(), Timings::default(), 0.0);
     for seed in progress.over(args.seeds()) {
         let mut drive = drive::wandering(site, args.length, seed)?;
         let mut filter = Kind::Search.build(site, &PoseBelief::Anywhere, seed, args.common.par())?;
+        let mut told = Kind::Search.build(site, &filters::around(drive.start)?, seed, args.common.par())?;
+        let told = follow(told.as_mut(), &drive)?;
+        followed += usize::from(told.ends_right());
         if args.improved_swarm && drive.steps.len() > 1 {
             filter.start_by(&drive.steps.remove(0).scan)?;
         }
         let outcome = follow(filter.as_mut(), &drive)?;
-        let end = outcome.errors.len() - 1;
-        let is_found = outcome.errors[end] < 0.2 && outcome.heading_errors[end] < 5_f64.to_radians();
-        found += usize::from(is_found);
-        if !is_found {
+        found += usize::from(outcome.ends_right());
+        if !outcome.ends_right() {
             lost.push(seed.0 as f64);
-            eprintln!("seed {}: {:.2} m off, {:?}", seed.0, outcome.errors[end], filter.status());
+            let [off, told_off] = [&outcome, &told].map(|outcome| outcome.errors.last().copied().unwrap_or(f64::NAN));
+            eprintln!("seed {}: {off:.2} m off ({told_off:.2} m if told the start), {:?}", seed.0, filter.status());
         }
-        let first_right = (0..=end).rev().find(|&index| !outcome.is_right(index)).map_or(0, |index| index + 1);
+        let wrong = (0..outcome.errors.len()).rev().find(|&index| !outcome.is_right(index));
+        let first_right = wrong.map_or(0, |index| index + 1);
         times.push(first_right as f64 * DT);
         counts += outcome.counts.iter().sum::<usize>() as f64 / outcome.counts.len() as f64;
         timings.append(outcome.timings.clone());
@@ -216,6 +220,7 @@ fn switched_on(args: &Args, site: &Site, out: &FilePath) -> Result<Report> {
         .number("free_space_m2", site.free_space.area())
         .count("found", found)
         .number("found_percent", 100.0 * found as f64 / args.seeds as f64)
+        .count("followed_if_told", followed)
         .number("right_from_s_p50", percentile(50.0))
         .number("right_from_s_p90", percentile(90.0))
         .number("particles_mean", counts / args.seeds as f64)

@@ -67,6 +67,12 @@ impl Outcome {
         self.errors[index] < FOUND.0 && self.heading_errors[index] < FOUND.1
     }
 
+    /// Whether the last estimate is within 0.2 m and 5°.
+    pub(crate) fn ends_right(&self) -> bool {
+        let [error, heading] = [&self.errors, &self.heading_errors].map(|errors| errors.last().copied());
+        error.is_some_and(|error| error < 0.2) && heading.is_some_and(|heading| heading < 5_f64.to_radians())
+    }
+
     /// Seconds from a step until the estimate is right, and stays so for a second.
     fn found_from(&self, first: usize) -> Option<f64> {
         let held = (HELD / DT) as usize;

@@ -2,8 +2,8 @@
 
 use agv_core::{
     Error,
-    compute::{Seed, Stream},
-    geometry::{LieGroup, Se2, Twist2},
+    compute::{Par, Seed, Stream},
+    geometry::{LieGroup, Se2, Twist2, UncertainPose},
     grid::{Cell, CellState, Grid, GridLayout, LikelihoodField, LikelihoodFieldParams},
     odometry::OdometryIncrement,
     roles::{Correct, LocalizationError, LocalizationStatus, Localizer, PoseBelief, SkipReason, UpdateOutcome},
@@ -243,6 +243,36 @@ fn scans_that_say_nothing_are_skipped_and_change_no_weight() {
     assert_eq!(mcl.update(&scan), Ok(UpdateOutcome::Skipped(SkipReason::LittleMotion)));
     mcl.request_update();
     assert!(matches!(mcl.update(&scan), Ok(UpdateOutcome::Applied(_))));
+}
+
+/// The spread after a blind way is that of its parts of 0.2 m drawn one by one, whatever the rate of the odometry and the scans: not that of
+/// one draw for all of it, which would be three times as wide after 2 m.
+#[test]
+fn a_blind_way_spreads_the_particles_as_its_parts_do() {
+    let blind = LaserScan::new(Stamp::default(), ScanGeometry::default(), vec![f32::INFINITY; 90]).unwrap();
+    let model = DifferentialOdometryModel::new(OdometryNoise::uniform(ALPHA)).unwrap();
+    let start = UncertainPose::new(Se2::new(4.0, 2.0, 0.0), diagonal(1e-4, 1e-4, 1e-6)).unwrap();
+    let part = increment(Se2::new(0.2, 0.0, 0.0));
+    let part = UncertainPose::new(part.start_from_end, model.covariance(&part)).unwrap();
+    let expected = (0..10).fold(start, |pose, _| pose.compose(&part));
+    for steps_per_part in [1, 2, 8] {
+        let mut mcl = filter(4000, 3);
+        mcl.initialize(&PoseBelief::Around(start)).unwrap();
+        for _ in 0..10 * steps_per_part {
+            // A hair more than the threshold, so that rounding does not decide.
+            mcl.predict(&increment(Se2::new(0.200_001 / f64::from(steps_per_part), 0.0, 0.0))).unwrap();
+            assert!(matches!(mcl.update(&blind), Ok(UpdateOutcome::Skipped(SkipReason::TooFewReadings { .. }))));
+        }
+        let estimate = mcl.estimate().unwrap().pose;
+        assert!(expected.mean().minus(estimate.mean()).norm() < 1e-3, "the odometry is the estimate's motion");
+        let drawn = mcl.particles().estimate(Par::Seq).unwrap();
+        for axis in 0..3 {
+            let [want, said, got] = [&expected, &estimate, &drawn].map(|pose| pose.covariance()[(axis, axis)]);
+            assert!((said / want - 1.0).abs() < 1e-3, "axis {axis}: {said} {want}");
+            // A sample variance of 4000 is off by 2.2 % (one deviation).
+            assert!((got / want - 1.0).abs() < 0.1, "axis {axis}: {got} {want}");
+        }
+    }
 }
 
 #[test]

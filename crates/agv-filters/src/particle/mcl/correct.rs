@@ -15,7 +15,7 @@ use agv_core::{
     geometry::{LieGroup, Se2, UncertainPose},
     odometry::OdometryIncrement,
     roles::{LocalizationError, SkipReason, StatusParams, UpdateOutcome, UpdateReport},
-    sensors::Observation,
+    sensors::{Observation, SensorId},
 };
 use nalgebra::Matrix3;
 use pulp::Arch;
@@ -72,8 +72,8 @@ impl<M, S, R, P, U, N> Mcl<M, S, R, P, U, N>
 where
     M: MotionModel<Motion = OdometryIncrement>,
 {
-    /// Draws the pending motion, weighs, takes the moments and resamples; but for the status, the belief is as it was if the
-    /// observation is skipped.
+    /// Draws the pending motion, weighs, takes the moments and resamples; the weights are as they were if the observation is
+    /// skipped.
     pub(in crate::particle) fn correct<Z: Observation + ?Sized>(
         &mut self,
         observation: &Z,
@@ -98,7 +98,10 @@ where
         }
         let weighed = self.move_and_weigh(observation);
         let (outcome, pose) = match weighed {
-            Err(reason) => (UpdateOutcome::Skipped(reason), known.pose),
+            Err(reason) => {
+                self.move_unseeing(observation.sensor());
+                (UpdateOutcome::Skipped(reason), known.pose)
+            }
             Ok((whole, sums)) => {
                 let Taken { weights, degrees, is_whole } = self.temper(observation, whole, &known.pose)?;
                 // Of what was weighed: what follows may look at other readings.
@@ -173,6 +176,29 @@ where
             *step = step.wrapping_add(1);
         }
         Ok((weights, sums))
+    }
+
+    /// Moves the particles by a draw of the pending motion where it is as long as one between updates, though nothing was seen: the
+    /// noise of a motion grows with its square, and one draw for all of a blind way would spread them much too far.
+    fn move_unseeing(&mut self, sensor: SensorId)
+    where
+        U: UpdatePolicy,
+    {
+        let seed = self.seed_for(Draw::Motion);
+        let Belief { particles, pending, step, known, .. } = &mut self.belief;
+        let is_long = |motion: &mut OdometryIncrement| {
+            self.rules.update.is_due(&UpdateContext::new(sensor, motion.start_from_end))
+        };
+        let Some(motion) = pending.take_if(is_long) else { return };
+        let model = &self.motion;
+        particles.propose(self.par, |chunk: usize, poses: &[Se2], moved: &mut [Se2]| {
+            model.propagate(&motion, poses, moved, &mut seed.stream(*step, chunk as u64));
+        });
+        particles.adopt();
+        *step = step.wrapping_add(1);
+        if let Some(known) = known {
+            known.moments = known.pose;
+        }
     }
 
     /// The estimate at the peak of the observation's likelihood; what was `known` before keeps it there where the observation says

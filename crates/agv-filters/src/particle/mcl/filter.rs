@@ -21,7 +21,8 @@ use agv_core::{
 /// - *update* asks whether the vehicle has moved enough since the last observation of the same sensor that was applied (the
 ///   first one of a sensor after an initialisation always counts). If so, every particle moves by a draw of the motion
 ///   model `M` for all that was gathered, is weighed, mean and covariance are taken, and the set is resampled if the policy
-///   asks for it. The motion is drawn once per applied update, so the noise does not depend on the rate of the scans.
+///   asks for it. The motion is drawn once per applied update, so the noise does not depend on the rate of the scans; where
+///   observations tell nothing, once per motion after which one would be taken in.
 ///   An observation that would leave next to no particle alive is taken in by degrees ([`TemperingParams`]).
 ///   An observation counts as taken at the end of the last motion, whatever its stamp: predict up to it first.
 /// - *estimate* is the mean at the last update, carried on by the odometry since, its covariance grown by the motion model.

@@ -190,7 +190,7 @@ impl<const P: usize> Block<P> {
                 self.indices::<false>(table, group.x[first + g], group.y[first + g], indices);
             }
         }
-        let terms = &table.terms[..];
+        let terms = &table.coarse[..];
         for (lane, sum) in sums.iter_mut().enumerate() {
             for indices in &indices {
                 *sum += u32::from(terms[indices[lane] as usize]);
@@ -233,7 +233,7 @@ impl<'a> ScanOnTable<'a> {
             }
         }
         for (log_likelihood, &sum) in log_likelihoods.iter_mut().zip(&sums) {
-            let sum = self.table.sum(sum, self.ends.count);
+            let sum = self.table.sum_of_coarse(sum, self.ends.count);
             *log_likelihood = match self.form {
                 ScanForm::Product { .. } => self.power * sum,
                 ScanForm::SumOfCubes => sum.ln_1p(),

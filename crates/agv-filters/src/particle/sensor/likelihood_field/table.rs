@@ -1,9 +1,10 @@
 //! The term that a beam adds, for every cell that it may end in.
 //!
-//! A term is `ln p` or `p³`, stored as one of 65,536 levels between the least and the greatest of the map: half the memory of
-//! an `f32`, so that twice as much of a map is in a cache, and sums that are whole numbers, the same in any order. With the
-//! usual densities, from 0.005 to 1 per metre, a logarithm is off by 4e-5 at most, and one of a thousandth of the floor by
-//! twice that.
+//! A term is `ln p` or `p³`, stored as one of 65,536 levels between the least and the greatest of the map, and, for the weighing of
+//! particles, as one of 256: a quarter of the memory of an `f32`, so that four times as much of a map is in a cache, and sums that
+//! are whole numbers, the same in any order. With the usual densities, from 0.005 to 1 per metre, a logarithm is off by 4e-5 at
+//! most, and by 0.011 in the coarse levels: of sixty beams that count as eighteen, 0.015 in the mean. What weighs one pose by distances, the refinement
+//! and the share of explained beams, reads the fine ones.
 
 use super::{LikelihoodFieldModel, LikelihoodFieldModelParams};
 use crate::particle::ScanForm;
@@ -18,6 +19,8 @@ use agv_core::{
 pub(super) struct Table {
     /// Levels, row by row; one cell more on every side.
     pub(super) terms: Vec<u16>,
+    /// The same in 256 levels, for the weighing of many poses.
+    pub(super) coarse: Vec<u8>,
     /// What level zero stands for, and how far the levels are apart.
     least: f64,
     step: f64,
@@ -34,6 +37,9 @@ pub(super) struct Table {
     /// Standard deviation of hits, in metres.
     pub(super) sigma: f64,
 }
+
+/// Fine levels from one coarse one to the next.
+const COARSENESS: u32 = (u16::MAX / u8::MAX as u16) as u32;
 
 /// Places for logarithms that are known, in bits.
 const PLACE_BITS: u32 = 11;
@@ -90,7 +96,9 @@ impl Table {
             terms.push(border);
         }
         terms.resize((width + 2) * (height + 2), border);
+        let coarse = terms.iter().map(|&level| ((u32::from(level) + COARSENESS / 2) / COARSENESS) as u8).collect();
         Ok(Self {
+            coarse,
             greatest: term(field.params().density(0.0) as f32),
             sigma: field.params().sigma_hit,
             terms,
@@ -109,5 +117,12 @@ impl Table {
     #[inline(always)]
     pub(super) fn sum(&self, levels: u32, beams: usize) -> f64 {
         self.least * beams as f64 + self.step * f64::from(levels)
+    }
+
+    /// What the coarse levels of so many beams add up to.
+    #[expect(clippy::inline_always, reason = "compiled with the kernel, for the instruction set found at run time")]
+    #[inline(always)]
+    pub(super) fn sum_of_coarse(&self, levels: u32, beams: usize) -> f64 {
+        self.sum(levels * COARSENESS, beams)
     }
 }
