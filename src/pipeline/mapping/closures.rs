@@ -27,6 +27,11 @@ pub(super) struct Closure {
 /// How closures count: their residual's square up to so many standard deviations, and linearly beyond.
 pub(super) const KERNEL: RobustKernel = RobustKernel::Huber { scale: 3.0 };
 
+/// Whether a relation hangs on a find, which may be false; what odometry alone says is no outlier.
+pub(super) fn is_find(relation: &Relation<Se3>) -> bool {
+    relation.kernel != RobustKernel::Square
+}
+
 /// Squared residual beyond which a closure contradicts the rest.
 pub(super) const CONTRADICTION: f64 = 100.0;
 
@@ -166,14 +171,8 @@ impl KeyFrameMap {
 
     /// Finds to believe, now that there is one more: itself where it was expected, or with others that agree. If it has to wait, none.
     pub(super) fn believed(&mut self, closure: &Closure) -> Vec<Closure> {
-        let (poses, keys, loops) = (self.graph.poses(), &self.keys, &self.params.loops);
-        let (way, relations) = (self.way, self.graph.relations());
-        // One whose pair another find has related meanwhile has nothing more to wait for.
-        let is_closed = |other: &Closure| {
-            let pair = (PoseId(other.from), PoseId(other.to));
-            relations.iter().any(|relation| relation.kernel == KERNEL && (relation.from, relation.to) == pair)
-        };
-        self.pending.retain(|other| way - keys[other.to as usize].way <= PATIENCE && !is_closed(other));
+        let (poses, keys, loops, way) = (self.graph.poses(), &self.keys, &self.params.loops, self.way);
+        self.pending.retain(|other| way - keys[other.to as usize].way <= PATIENCE);
         let (Some(claim), Some(here)) = (claimed(closure, poses), poses.last()) else { return Vec::new() };
         if agree(&claim, here, loops.agreement) {
             return vec![*closure];

@@ -1,19 +1,23 @@
 //! Places that are known already: a key frame that was found at an older one, as near as that, is not kept.
 //!
-//! What it said is: the way there and the find, one after the other, relate the key frame that was followed with the one that was met,
-//! and the find and the way on relate the latter with the next. Where two are related before, that is forgotten: a site that is driven
-//! through day after day has the key frames of its places, and their relations, and no more.
+//! What it said is: the way there and the find, one after the other, relate the key frame that was followed with the one that
+//! was met, and the find and the way on relate the latter with the next. Where two are related before, that is forgotten: a
+//! site that is driven through day after day has the key frames of its places, and their relations, and no more.
 //!
-//! The next key frame that is kept is related to the last one that was, by the odometry of all the way between, and by a find to the
-//! one that was met: if the find is false, and taken out, odometry still holds it. Of what serves in these relations
-//! no part does in more than two: a find in that of the way there and in that of the way on, a step of odometry in one of these and in
-//! that of all the way. Each counts half in each, twice as wide: likelihoods to the power of a half, whose product over both is the
-//! likelihood itself. What is lost is that both speak of the same pose, which makes the sum less sure, never more (the split of
-//! covariance intersection, Julier and Uhlmann 1997).
+//! The next key frame that is kept is related to the last one that was, by the odometry of all the way between, and by a find
+//! to the one that was met: if the find is false, and taken out, odometry still holds that key frame. It does not hold the
+//! clouds between the meet and that key frame: they are told from the one that was met, and stay where the find put them. And
+//! what was forgotten cannot be taken out: where a meet relates nothing, since the two are related before, a find leaves no
+//! trace in the graph but by the next key frame that is kept.
+//!
+//! Of what serves in these relations no part does in more than two: a find in that of the way there and in that of the way
+//! on, a step of odometry in one of these and in that of all the way. Each counts half in each, twice as wide: likelihoods to
+//! the power of a half, whose product over both is the likelihood itself. What is lost is that both speak of the same pose,
+//! which makes the sum less sure, never more (the split of covariance intersection, Julier and Uhlmann 1997).
 
 use super::{
     KeyFrameMap,
-    closures::{Closure, KERNEL, NEXT_TO_NONE},
+    closures::{Closure, KERNEL, NEXT_TO_NONE, is_find},
     drift::variances,
     map::Tracked,
 };
@@ -83,6 +87,8 @@ impl KeyFrameMap {
             let information = information(between.covariance()) * HALF;
             let relation = Relation::new(PoseId(from), PoseId(to), *between.mean(), information);
             self.graph.add_relation(relation.with_kernel(KERNEL))?;
+            // A find of the same pair has nothing more to wait for.
+            self.pending.retain(|other| (other.from, other.to) != (from, to));
         }
         self.followed = met;
         if let Some(tracked) = &mut self.tracked {
@@ -100,7 +106,7 @@ impl KeyFrameMap {
         let way = |key: u32| self.keys.get(key as usize).map_or(0.0, |key| key.way);
         let is_near = (way(a) - way(b)).abs() < self.params.loops.min_way;
         self.graph.relations().iter().any(|relation| {
-            [(a, b), (b, a)].contains(&(relation.from.0, relation.to.0)) && (is_near || relation.kernel == KERNEL)
+            [(a, b), (b, a)].contains(&(relation.from.0, relation.to.0)) && (is_near || is_find(relation))
         })
     }
 }

@@ -2,7 +2,7 @@
 
 use super::{
     KeyFrameParams,
-    closures::{Closure, KERNEL},
+    closures::{Closure, is_find},
 };
 use crate::Error;
 use agv_core::{
@@ -124,7 +124,7 @@ impl KeyFrameMap {
 
     /// The key frames that closures relate, the older first; of those that turned out to contradict the rest, none.
     pub fn closures(&self) -> impl ExactSizeIterator<Item = (usize, usize)> + '_ {
-        let closed = self.graph.relations().iter().filter(|relation| relation.kernel == KERNEL);
+        let closed = self.graph.relations().iter().filter(|relation| is_find(relation));
         let pairs: BTreeSet<_> = closed.map(|relation| (relation.from.index(), relation.to.index())).collect();
         pairs.into_iter()
     }

@@ -2,7 +2,7 @@
 
 use super::{
     KeyFrame, KeyFrameMap, KeyFrameParams,
-    closures::{CONTRADICTION, Closure, KERNEL, verify},
+    closures::{CONTRADICTION, Closure, is_find, verify},
     drift::unseen,
     map::{Place, Tracked},
 };
@@ -305,7 +305,7 @@ impl<R: Registration> KeyFrameMapper<R> {
         let poses = graph.poses().to_vec();
         let count = graph.relations().len();
         graph.retain_relations(|relation| {
-            if relation.kernel != KERNEL {
+            if !is_find(relation) {
                 return true;
             }
             let predicted = poses[relation.from.index()].between(&poses[relation.to.index()]);

@@ -117,12 +117,5 @@ mod tests {
         assert_eq!(map.neighbours(5), [5, 1, 2, 0]);
         assert_eq!(map.neighbours(6), [6]);
         assert_eq!(map.neighbours(7), [0_usize; 0], "the last one is no place from before");
-        // Told once: it waits no more.
-        let other = Closure { from_from_to: Se2::new(0.2, 9.0, 0.0).into(), ..find };
-        let here = Closure { from: 0, to: 7, from_from_to: Se2::new(0.0, 20.0, 0.0).into(), ..find };
-        map.keys[5].way = 995.0;
-        map.pending = vec![other, Closure { from: 2, ..other }];
-        assert!(map.believed(&here).is_empty());
-        assert_eq!(map.pending, [Closure { from: 2, ..other }, here]);
     }
 }

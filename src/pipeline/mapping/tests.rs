@@ -40,7 +40,7 @@ fn check_relations(map: &KeyFrameMap, drive: impl Fn(i32) -> (Se3, Se3)) {
     let mut finds = 0;
     for relation in map.relations() {
         let [(true_a, a), (true_b, b)] = [relation.from, relation.to].map(|key| drive(number(key)));
-        let is_find = relation.kernel == closures::KERNEL;
+        let is_find = closures::is_find(relation);
         let (expected, limit) = if is_find { (true_a.between(&true_b), 0.1) } else { (a.between(&b), 1e-9) };
         let off = expected.between(&relation.from_from_to).log();
         assert!(off.norm() < limit, "{relation:?}: {off}");
@@ -49,7 +49,7 @@ fn check_relations(map: &KeyFrameMap, drive: impl Fn(i32) -> (Se3, Se3)) {
     assert!(map.closures().len() > 0 && map.closures().len() <= finds);
     // Odometry alone ties each key frame to the one before, whatever finds are taken out.
     let tied = |key: u32| {
-        let of_odometry = map.relations().iter().filter(|relation| relation.kernel != closures::KERNEL);
+        let of_odometry = map.relations().iter().filter(|relation| !closures::is_find(relation));
         of_odometry.filter(|relation| (relation.from.0 + 1, relation.to.0) == (key, key)).count()
     };
     assert!((1..map.keys.len() as u32).all(|key| tied(key) == 1));

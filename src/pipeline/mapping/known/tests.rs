@@ -1,5 +1,5 @@
 use super::*;
-use crate::pipeline::mapping::{KeyFrameMapper, KeyFrameParams, LoopParams, closures::closure};
+use crate::pipeline::mapping::{KeyFrameMapper, KeyFrameParams, KeyFrameStep, LoopParams, closures::closure};
 use agv_core::{
     geometry::Se2,
     nalgebra::{SMatrix, Vector3},
@@ -7,6 +7,7 @@ use agv_core::{
     sensors::{PointCloud, PointSource},
     time::Stamp,
 };
+use agv_filters::graph::{PoseGraphSolver, PoseGraphSolverParams};
 
 /// Finds every cloud where it is sought, but for those that are sought aside.
 struct Lane;
@@ -25,24 +26,40 @@ impl Registration for Lane {
     }
 }
 
-/// Nine metres out, four back to where key frame 5 is met, and aside from there.
-fn driven(mapper: &mut KeyFrameMapper<Lane>, aside: f64) -> [Se3; 4] {
+fn at(x: f64, y: f64) -> Se3 {
+    Se2::new(x, y, 0.0).into()
+}
+
+fn mapper() -> KeyFrameMapper<Lane> {
+    let params = KeyFrameParams { loops: LoopParams { min_way: 8.0, ..Default::default() }, ..Default::default() };
+    KeyFrameMapper::new(Lane, params).unwrap()
+}
+
+/// A second later there.
+fn go(mapper: &mut KeyFrameMapper<Lane>, pose: Se3) -> KeyFrameStep {
     let cloud = PointCloud::from_points((0..2000_u16).map(|i| {
         let (a, b) = (f32::from(i % 50), f32::from(i / 50));
         Vector3::new(0.2 * a - 5.0, 0.2 * b - 4.0, 1.0 + (0.7 * a).sin())
     }));
-    let at = |x: i32, y: f64| Se3::from(Se2::new(f64::from(x), y, 0.0));
-    let way = (0..10).chain((5..9).rev()).map(|x| at(x, 0.0));
-    let mut seconds = 0.0;
-    let mut go = |pose: Se3| {
-        seconds += 1.0;
-        let step = LidarOdometryStep { odom_from_base: pose, alignment: None };
-        mapper.process(&step, &cloud.clone().with_stamp(Stamp::from_seconds(seconds))).unwrap()
-    };
-    let steps: Vec<_> = way.map(&mut go).collect();
-    assert_eq!((steps[12].key, steps[12].met, steps[13].key, steps[13].met), (Some(12), None, None, Some(5)));
-    assert_eq!(go(at(5, aside)).key, Some(13));
-    [at(5, 0.0), at(6, 0.0), at(5, aside), at(5, 0.0)]
+    let stamp = Stamp::from_seconds(mapper.map().trajectory().len() as f64);
+    mapper.process(&LidarOdometryStep { odom_from_base: pose, alignment: None }, &cloud.with_stamp(stamp)).unwrap()
+}
+
+/// Nine metres out and three back: to where key frame 5 is met next.
+fn out_and_back(mapper: &mut KeyFrameMapper<Lane>) {
+    for x in (0..10).chain((6..9).rev()) {
+        assert_eq!(go(mapper, at(f64::from(x), 0.0)).met, None);
+    }
+    assert_eq!(mapper.map().keys.len(), 13);
+}
+
+/// As far, and one metre on, where key frame 5 is met, and aside from there.
+fn driven(mapper: &mut KeyFrameMapper<Lane>, aside: f64) -> [Se3; 4] {
+    out_and_back(mapper);
+    let met = go(mapper, at(5.0, 0.0));
+    assert_eq!((met.key, met.met), (None, Some(5)));
+    assert_eq!(go(mapper, at(5.0, aside)).key, Some(13));
+    [at(5.0, 0.0), at(6.0, 0.0), at(5.0, aside), at(5.0, 0.0)]
 }
 
 /// Information about four poses from relations whose residuals are zero.
@@ -60,12 +77,12 @@ fn joint(poses: &[Se3; 4], relations: &[(usize, usize, Matrix6<f64>)]) -> SMatri
     sum
 }
 
-/// Of the way back, the find and the way aside the graph knows no more than what a graph knows that has each of them once; and not
-/// much less.
+/// Of the way back, the find and the way aside the graph knows no more than what a graph knows that has each of them once; and
+/// not much less.
 #[test]
 fn what_was_found_counts_once() {
-    let params = KeyFrameParams { loops: LoopParams { min_way: 8.0, ..Default::default() }, ..Default::default() };
-    let mut mapper = KeyFrameMapper::new(Lane, params).unwrap();
+    let mut mapper = mapper();
+    let params = *mapper.map().params();
     // Key frames 5, 12 and 13, and where the one was that was not kept.
     let poses = driven(&mut mapper, 1.5);
     let number = |key: u32| [5, 12, 13].iter().position(|kept| *kept == key);
@@ -96,17 +113,75 @@ fn what_was_found_counts_once() {
 /// A find that is taken out leaves the key frame after it where odometry says.
 #[test]
 fn odometry_holds_what_a_find_held() {
-    let params = KeyFrameParams { loops: LoopParams { min_way: 8.0, ..Default::default() }, ..Default::default() };
-    let mut mapper = KeyFrameMapper::new(Lane, params).unwrap();
+    let mut mapper = mapper();
     driven(&mut mapper, 1.5);
-    let of_odometry = |relation: &&Relation<Se3>| relation.to.0 == 13 && relation.kernel != KERNEL;
-    let held: Vec<_> = mapper.map().relations().iter().filter(of_odometry).collect();
+    let mut map = mapper.into_map();
+    let of_odometry = |relation: &&Relation<Se3>| relation.to.0 == 13 && !is_find(relation);
+    let held: Vec<_> = map.relations().iter().filter(of_odometry).collect();
     let [held] = held[..] else { panic!("{held:?}") };
-    let off = held.from_from_to.between(&Se2::new(-1.0, 1.5, 0.0).into()).log();
+    let off = held.from_from_to.between(&at(-1.0, 1.5)).log();
     assert!(held.from.0 == 12 && off.norm() < 1e-9, "{held:?}");
-    // Neighbours of one drive are related; odometry over a long way does not keep a find from relating its ends.
+    // As if the vehicle had been farther back than where it was found.
+    let mut solver = PoseGraphSolver::new(PoseGraphSolverParams::default()).unwrap();
+    let mut off = |map: &mut KeyFrameMap| {
+        solver.optimize(&mut map.graph).unwrap();
+        map.graph.poses()[13].between(&at(5.0, 1.5)).log().norm()
+    };
+    assert!(off(&mut map) < 1e-6);
+    let finds: Vec<_> = map.relations().iter().copied().filter(is_find).collect();
+    map.graph.retain_relations(|relation| !is_find(relation));
+    for find in &finds {
+        let from_from_to = at(0.3, 0.0).compose(&find.from_from_to);
+        map.graph.add_relation(Relation { from_from_to, ..*find }).unwrap();
+    }
+    assert!(off(&mut map) > 0.1, "the finds held it elsewhere");
+    map.graph.retain_relations(|relation| !is_find(relation));
+    assert!(off(&mut map) < 1e-6, "{:?}", map.graph.poses()[13]);
+}
+
+/// Neighbours of one drive are related; odometry over a long way does not keep a find from relating its ends.
+#[test]
+fn key_frames_are_related_by_finds_and_short_ways() {
+    let mut mapper = mapper();
+    driven(&mut mapper, 1.5);
     let mut map = mapper.into_map();
     assert!(map.is_related(13, 12) && map.is_related(5, 12) && !map.is_related(13, 4));
     map.keys[13].way += 100.0;
     assert!(!map.is_related(12, 13) && map.is_related(5, 13));
+}
+
+/// A find that claims another pose of a key frame than the graph has.
+fn claim(map: &KeyFrameMap, from: u32, to: u32, map_from_to: &Se3) -> Closure {
+    let information = Matrix6::identity() * 1e4;
+    let (from_from_to, unobserved) = (map.graph.poses()[from as usize].between(map_from_to), Matrix6::zeros());
+    Closure { from, to, from_from_to, information, inlier_ratio: 0.9, unobserved }
+}
+
+/// What ties a key frame to the one that was met before it is the way between them: it confirms no find of the one at the other.
+#[test]
+fn a_find_waits_though_the_way_relates_its_key_frames() {
+    let mut mapper = mapper();
+    driven(&mut mapper, 1.5);
+    for x in [4.0, 3.0] {
+        assert!(go(&mut mapper, at(x, 1.5)).key.is_some());
+    }
+    let mut map = mapper.into_map();
+    assert!(map.relations().iter().any(|relation| (relation.from.0, relation.to.0) == (5, 13) && is_find(relation)));
+    let finds = [(5, 13, 5.0), (4, 14, 4.0), (3, 15, 3.0)].map(|(from, to, x)| claim(&map, from, to, &at(x, 2.5)));
+    assert!(map.believed(&finds[0]).is_empty() && map.believed(&finds[1]).is_empty());
+    assert_eq!(map.pending, finds[..2]);
+    assert_eq!(map.believed(&finds[2]), finds);
+}
+
+/// Where a meet relates two key frames, a find of the same two waits no more; others do.
+#[test]
+fn a_meet_ends_the_waiting_of_finds_that_it_makes_up_for() {
+    let mut mapper = mapper();
+    out_and_back(&mut mapper);
+    let mut map = mapper.into_map();
+    let [same, other] = [5, 4].map(|from| claim(&map, from, 12, &at(6.0, 2.0)));
+    map.pending = vec![same, other];
+    let mut mapper = KeyFrameMapper::resume(Lane, map).unwrap();
+    assert_eq!(go(&mut mapper, at(5.0, 0.0)).met, Some(5));
+    assert_eq!(mapper.map().pending, [other]);
 }
