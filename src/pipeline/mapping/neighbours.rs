@@ -1,12 +1,12 @@
 //! Which key frames are neighbours: those that relations tie together near by.
 //!
-//! Their numbers do not say: where a place that is known lies between them, two that follow one another may be far apart, and where the
-//! vehicle left its old way for a metre, one may stand alone among older ones.
+//! Their numbers do not say: where a place that is known lies between them, two that follow one another may be far apart, and
+//! where the vehicle left its old way for a metre, one may stand alone among older ones.
 
-use super::KeyFrameMap;
+use super::{KeyFrameMap, closures::is_find};
 use agv_core::geometry::Se3;
 
-/// How far apart two key frames may be whose relation ties them to one group, in distances of key frames.
+/// How far apart two key frames may be that odometry ties to one group, in distances of key frames.
 const GAP: f64 = 4.0;
 
 fn distance(a: &Se3, b: &Se3) -> f64 {
@@ -14,13 +14,20 @@ fn distance(a: &Se3, b: &Se3) -> f64 {
 }
 
 impl KeyFrameMap {
-    /// For each of some key frames, given in rising order, the place among them of the first that it is tied to, directly or by others.
+    /// For each of some key frames, given in rising order, the place among them of the first that it is tied to, directly or
+    /// by others.
+    ///
+    /// A find ties no farther than a meet on a way that is known may be from the key frame before. From farther away it may
+    /// look through a rack into the next aisle, which is a place of its own: whoever is found in one is to be sought in both.
     pub(super) fn groups(&self, members: &[usize]) -> Vec<usize> {
         let (poses, gap) = (self.graph.poses(), GAP * self.params.distance);
+        let reach = self.params.reach.map_or(0.0, |reach| reach.translation);
+        let near = gap.min(self.params.distance + reach);
         let ties = self.graph.relations().iter().filter_map(|relation| {
             let (from, to) = (relation.from.index(), relation.to.index());
             let (a, b) = (members.binary_search(&from).ok()?, members.binary_search(&to).ok()?);
-            (distance(poses.get(from)?, poses.get(to)?) <= gap).then_some((a, b))
+            let limit = if is_find(relation) { near } else { gap };
+            (distance(poses.get(from)?, poses.get(to)?) <= limit).then_some((a, b))
         });
         let ties: Vec<(usize, usize)> = ties.collect();
         let mut first: Vec<usize> = (0..members.len()).collect();
@@ -38,9 +45,9 @@ impl KeyFrameMap {
         }
     }
 
-    /// Old key frames whose clouds together make the place of one of them, itself the first: the nearest of those that are tied to
-    /// it, as many as [`neighbours`](super::LoopParams::neighbours) to either side. None is farther than these are where key frames are twice as
-    /// far apart as they may be near.
+    /// Old key frames whose clouds together make the place of one of them. That one comes first, then those that are tied to
+    /// it, the nearest first: at most twice [`neighbours`](super::LoopParams::neighbours), for either side, and none farther
+    /// away than so many as that take where they are twice as far apart as [`distance`](super::KeyFrameParams::distance).
     pub(super) fn neighbours(&self, anchor: usize) -> Vec<usize> {
         let (poses, loops) = (self.graph.poses(), &self.params.loops);
         let (Some(here), Some(last)) = (poses.get(anchor), self.keys.last()) else { return Vec::new() };
@@ -70,8 +77,8 @@ mod tests {
     };
     use agv_filters::graph::{PoseId, Relation};
 
-    /// Key frames at these places, each related to the one before but where `cut` says so, after ways of a metre each, and a last one
-    /// far on.
+    /// Key frames at these places, each related to the one before but where `cut` says so, after ways of a metre each, and a
+    /// last one far on.
     fn map(places: &[[f64; 2]], cut: &[u32]) -> KeyFrameMap {
         let mut map = KeyFrameMap::new(KeyFrameParams::default()).unwrap();
         let cloud = PointCloud::from_points([Vector3::new(1.0, 2.0, 3.0)]);
@@ -89,7 +96,13 @@ mod tests {
         map
     }
 
-    /// A lane that was driven until it was known, and went on in another one six metres aside: the numbers go on as if nothing were between.
+    fn find(from: u32, to: u32, from_from_to: Se2) -> Closure {
+        let (information, unobserved) = (Matrix6::identity(), Matrix6::zeros());
+        Closure { from, to, from_from_to: from_from_to.into(), information, inlier_ratio: 0.9, unobserved }
+    }
+
+    /// A lane that was driven until it was known, and went on in another one six metres aside: the numbers go on as if nothing
+    /// were between.
     #[test]
     fn what_follows_far_away_is_no_neighbour() {
         let places: Vec<_> = (0..10).map(|i| [f64::from(i % 5), if i < 5 { 0.0 } else { 6.0 }]).collect();
@@ -99,23 +112,28 @@ mod tests {
         assert_eq!(map.groups(&[3, 4, 5, 6]), [0, 0, 2, 2]);
     }
 
-    /// One key frame that stands alone among older ones, to which it is tied, is of their place; one that nothing ties to them is not.
+    /// One key frame that stands alone among older ones, to which it is tied, is of their place; one that nothing ties to them
+    /// is not.
     #[test]
     fn what_is_tied_near_by_is_a_neighbour() {
         let mut map =
             map(&[[0.0, 0.0], [1.0, 0.0], [2.0, 0.0], [30.0, 0.0], [31.0, 0.0], [1.2, 0.8], [0.8, -0.8]], &[3, 5, 6]);
-        let find = Closure {
-            from: 1,
-            to: 5,
-            from_from_to: Se2::new(0.2, 0.8, 0.0).into(),
-            information: Matrix6::identity(),
-            inlier_ratio: 0.9,
-            unobserved: Matrix6::zeros(),
-        };
         assert_eq!(map.neighbours(5), [5]);
-        map.graph.add_relation(find.relation()).unwrap();
+        map.graph.add_relation(find(1, 5, Se2::new(0.2, 0.8, 0.0)).relation()).unwrap();
         assert_eq!(map.neighbours(5), [5, 1, 2, 0]);
         assert_eq!(map.neighbours(6), [6]);
         assert_eq!(map.neighbours(7), [0_usize; 0], "the last one is no place from before");
+    }
+
+    /// Two lanes three metres apart that one find ties together through the racks: the vehicle between them is sought in both.
+    #[test]
+    fn lanes_that_see_each_other_are_two_places() {
+        let places: Vec<_> = (0..10).map(|i| [f64::from(i % 5), if i < 5 { 0.0 } else { 3.0 }]).collect();
+        let mut map = map(&places, &[5]);
+        map.graph.add_relation(find(2, 7, Se2::new(0.0, 3.0, 0.0)).relation()).unwrap();
+        map.graph.set_pose(PoseId(10), Se2::new(2.0, 1.4, 0.0).into()).unwrap();
+        let anchors: Vec<usize> = map.around().iter().map(|candidate| candidate.anchor).collect();
+        assert_eq!(anchors, [2, 7]);
+        assert_eq!(map.neighbours(2), [2, 1, 3, 0, 4]);
     }
 }
