@@ -33,7 +33,9 @@ impl KeyFrameMap {
         let (Some(last), Some(here)) = (self.keys.last(), self.graph.poses().last()) else { return false };
         let (Some(key), Some(pose)) = (self.keys.get(index), self.graph.poses().get(index)) else { return false };
         let loops = &self.params.loops;
-        last.way - key.way >= loops.min_way
+        // The last one closes none with itself, however short a loop may be.
+        index + 1 < self.keys.len()
+            && last.way - key.way >= loops.min_way
             && (pose.translation() - here.translation()).norm() <= loops.window_at(self.doubt) + OVERLAP
     }
 

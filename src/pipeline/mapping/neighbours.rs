@@ -55,7 +55,7 @@ impl KeyFrameMap {
         let off = |index: usize| distance(&poses[index], here);
         // What was seen just now is no place from before.
         let is_old = |index: usize| last.way - self.keys[index].way >= loops.min_way;
-        let near: Vec<usize> = (0..self.keys.len()).filter(|&index| is_old(index) && off(index) <= reach).collect();
+        let near: Vec<usize> = (0..self.keys.len() - 1).filter(|&index| is_old(index) && off(index) <= reach).collect();
         let groups = self.groups(&near);
         let Some(own) = near.binary_search(&anchor).ok().map(|place| groups[place]) else { return Vec::new() };
         let tied = near.into_iter().zip(groups).filter(|(_, group)| *group == own);
@@ -135,5 +135,10 @@ mod tests {
         let anchors: Vec<usize> = map.around().iter().map(|candidate| candidate.anchor).collect();
         assert_eq!(anchors, [2, 7]);
         assert_eq!(map.neighbours(2), [2, 1, 3, 0, 4]);
+        // However short a loop may be, it has two ends.
+        map.params.loops.min_way = 0.0;
+        let anchors: Vec<usize> = map.around().iter().map(|candidate| candidate.anchor).collect();
+        assert_eq!(anchors, [2, 7]);
+        assert_eq!(map.neighbours(10), [0_usize; 0]);
     }
 }
