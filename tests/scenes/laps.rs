@@ -97,10 +97,14 @@ impl Laps {
         LidarOdometryStep { odom_from_base: self.odometry[index], alignment: None }
     }
 
+    /// Error of a pose of that cloud, in metres, where the first is at the truth.
+    pub(crate) fn error(&self, index: usize, pose: &Se3) -> f64 {
+        self.truth[0].between(&self.truth[index]).between(pose).translation().norm()
+    }
+
     /// Greatest error of a trajectory that begins at the truth, in metres, and that of its end.
     pub(crate) fn errors(&self, poses: impl Iterator<Item = Se3>) -> (f64, f64) {
-        let error = |(pose, truth): (Se3, &Se3)| self.truth[0].between(truth).between(&pose).translation().norm();
-        let errors: Vec<f64> = poses.zip(&self.truth).map(error).collect();
+        let errors: Vec<f64> = poses.enumerate().map(|(index, pose)| self.error(index, &pose)).collect();
         (errors.iter().copied().fold(0.0, f64::max), errors[errors.len() - 1])
     }
 
