@@ -1,4 +1,5 @@
-//! Robots of MRCLAM 6 among landmarks, at every pose of the motion capture system. Skipped where the shared data is not present.
+//! Robots of MRCLAM 6 among landmarks, at every pose of the motion capture system. Skipped where the shared data is not
+//! present.
 
 #[path = "../../examples/landmarks/replay.rs"]
 #[allow(dead_code, reason = "the example draws what it has")]

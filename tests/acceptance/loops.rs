@@ -13,10 +13,10 @@ use laps::{Drift, Laps, hall};
 
 /// The map and its closures.
 ///
-/// At each place that is met again the vehicle is where it is said to be. Relative to the key frame that was met: within three
-/// standard deviations of what a find is taken to be off besides its noise (`LoopParams::floor`, 6 cm and half a degree). In the
-/// map: within half of what odometry was off until the first loop closed, and that. A random walk that is tied at both ends is
-/// in its middle half as uncertain as its end was, and nowhere more.
+/// At each place that is met again the vehicle is where it is said to be. Relative to the key frame that was met:
+/// within three standard deviations of what a find is taken to be off besides its noise (`LoopParams::floor`, 6 cm and
+/// half a degree). In the map: within half of what odometry was off until the first loop closed, and that. A random
+/// walk that is tied at both ends is in its middle half as uncertain as its end was, and nowhere more.
 fn mapped(laps: &Laps, params: &KeyFrameParams) -> (KeyFrameMap, usize) {
     let registration = NdtRegistration::new(NdtParams::default()).unwrap();
     let mut mapper = KeyFrameMapper::new(registration, *params).unwrap();
@@ -53,8 +53,8 @@ fn corrected(map: &KeyFrameMap) -> impl Iterator<Item = Se3> + '_ {
     map.trajectory().map(|(_, pose)| pose)
 }
 
-/// Two laps with goods on the racks, and with none, where all bays are the same: loops close, none falsely, and the end is
-/// where it is. Half of the key frames of two laps are of places that are known.
+/// Two laps with goods on the racks, and with none, where all bays are the same: loops close, none falsely, and the end
+/// is where it is. Half of the key frames of two laps are of places that are known.
 #[test]
 fn closed_loops_correct_every_drive() {
     for (fill, seeds) in [(0.8, 0..2), (0.0, 4..5)] {
@@ -78,8 +78,8 @@ fn closed_loops_correct_every_drive() {
     }
 }
 
-/// To and fro through aisles of empty racks, each as the other, with windows that hold three of them: no place is met twice,
-/// and none is taken for another.
+/// To and fro through aisles of empty racks, each as the other, with windows that hold three of them: no place is met
+/// twice, and none is taken for another.
 #[test]
 fn aisles_that_look_alike_close_no_loop() {
     for seed in 0..2 {

@@ -20,8 +20,8 @@ struct Answer {
     known: bool,
 }
 
-/// Places of all aisles but the last are kept; looked for are places beside them, turned any way, and places of the last aisle, which
-/// nobody has seen.
+/// Places of all aisles but the last are kept; looked for are places beside them, turned any way, and places of the
+/// last aisle, which nobody has seen.
 fn ask(fill: f64, seed: Seed, answers: &mut Vec<Answer>) {
     let params = FactoryParams { length: 40.0, width: 24.0, fill, ..FactoryParams::default() };
     let factory = Factory::generate(params, seed).unwrap();
@@ -82,8 +82,8 @@ fn precision_and_recall_over_seeds() {
             let [precision, recall, unseen] = rates(&answers, limit);
             println!("distance {limit}: precision {precision:.3}, recall {recall:.3}, unseen taken {unseen:.3}");
         }
-        // Six standard deviations (2 % of 600 places that are known, 4 % of 150 that are not, as if each told its own) from what
-        // these factories gave; by chance one in twenty would be right, and all unseen places be taken.
+        // Six standard deviations (2 % of 600 places that are known, 4 % of 150 that are not, as if each told its own)
+        // from what these factories gave; by chance one in twenty would be right, and all unseen places be taken.
         let [precision, recall, unseen] = rates(&answers, LoopParams::default().max_distance as f32);
         let (least, most) = if fill > 0.0 { ([0.6, 0.71], 0.88) } else { ([0.56, 0.65], 0.78) };
         assert!(precision > least[0] && recall > least[1], "fill {fill}: {precision} {recall}");

@@ -1,7 +1,8 @@
 //! All scan matchers on the same scans: how near they come, and from how far off.
 //!
-//! A hall of 13 m by 9 m with boxes in it, seen by 361 beams over three quarters of a circle with 0.02 m of noise; the target are three
-//! scans. `cargo test --test acceptance -- --nocapture scan_matchers` prints the table of `docs/experiments.md`.
+//! A hall of 13 m by 9 m with boxes in it, seen by 361 beams over three quarters of a circle with 0.02 m of noise; the
+//! target are three scans. `cargo test --test acceptance -- --nocapture scan_matchers` prints the table of
+//! `docs/experiments.md`.
 
 use agv_nav::{
     core::{

@@ -13,15 +13,16 @@ use agv_nav::pipeline::mapping::KeyFrameMap;
 use agv_sim::{Factory, FactoryParams, Lidar, LidarParams};
 use rand::RngExt;
 
-/// A drive with a cloud for every metre; the stamp of a cloud is its number, in seconds. Each is taken while the vehicle goes on as it
-/// came, from the place before: at corners in an arc.
+/// A drive with a cloud for every metre; the stamp of a cloud is its number, in seconds. Each is taken while the
+/// vehicle goes on as it came, from the place before: at corners in an arc.
 pub(crate) struct Laps {
     pub(crate) clouds: Vec<PointCloud>,
     pub(crate) truth: Vec<Se3>,
     pub(crate) odometry: Vec<Se3>,
 }
 
-/// How odometry errs at most: share of the way that it takes too much for, and heading per metre, in radians. Each drive draws its own.
+/// How odometry errs at most: share of the way that it takes too much for, and heading per metre, in radians. Each
+/// drive draws its own.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Drift {
     pub(crate) scale: f64,

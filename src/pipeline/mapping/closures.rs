@@ -38,7 +38,8 @@ pub(super) const CONTRADICTION: f64 = 100.0;
 /// Way over which finds wait for others that agree, in metres.
 const PATIENCE: f64 = 10.0;
 
-/// Information along a direction that was not observed: none to speak of (a hundred metres), so that rounding leaves no negative one.
+/// Information along a direction that was not observed: none to speak of (a hundred metres), so that rounding leaves no
+/// negative one.
 pub(super) const NEXT_TO_NONE: f64 = 1e-4;
 
 /// Directions that a find may leave open: along a corridor, and no more.
@@ -143,7 +144,8 @@ impl KeyFrameMap {
         closure.is_whole() && claim.zip(poses.last()).is_some_and(|(claim, here)| agree(&claim, here, agreement))
     }
 
-    /// Of finds of the last key frame the one that no other contradicts; none where two places explain it about as well.
+    /// Of finds of the last key frame the one that no other contradicts; none where two places explain it about as
+    /// well.
     pub(super) fn unambiguous(&self, found: &[Closure]) -> Option<Closure> {
         let (loops, poses) = (&self.params.loops, self.graph.poses());
         let best = found.iter().max_by(|a, b| a.inlier_ratio.total_cmp(&b.inlier_ratio))?;
@@ -169,7 +171,8 @@ impl KeyFrameMap {
         Ok(off.dot(&(weight * off)) <= self.params.loops.gate)
     }
 
-    /// Finds to believe, now that there is one more: itself where it was expected, or with others that agree. If it has to wait, none.
+    /// Finds to believe, now that there is one more: itself where it was expected, or with others that agree. If it has
+    /// to wait, none.
     pub(super) fn believed(&mut self, closure: &Closure) -> Vec<Closure> {
         let (poses, keys, loops, way) = (self.graph.poses(), &self.keys, &self.params.loops, self.way);
         self.pending.retain(|other| way - keys[other.to as usize].way <= PATIENCE);

@@ -23,7 +23,8 @@ pub(super) fn unseen(alignment: Option<&Alignment<Se3>>) -> Matrix6<f64> {
 }
 
 impl LidarDrift {
-    /// A motion between two clouds with its covariance: that of a random walk, wider along directions that the second did not fix.
+    /// A motion between two clouds with its covariance: that of a random walk, wider along directions that the second
+    /// did not fix.
     pub(super) fn of(&self, motion: &Se3, alignment: Option<&Alignment<Se3>>) -> UncertainPose<Se3> {
         let way = motion.translation().norm();
         let turn = agv_core::geometry::LieGroup::log(&motion.rotation()).norm();

@@ -1,19 +1,21 @@
 //! Places that are known already: a key frame that was found at an older one, as near as that, is not kept.
 //!
-//! What it said is: the way there and the find, one after the other, relate the key frame that was followed with the one that
-//! was met, and the find and the way on relate the latter with the next. Where two are related before, that is forgotten: a
-//! site that is driven through day after day has the key frames of its places, and their relations, and no more.
+//! What it said is: the way there and the find, one after the other, relate the key frame that was followed with the
+//! one that was met, and the find and the way on relate the latter with the next. Where two are related before, that is
+//! forgotten: a site that is driven through day after day has the key frames of its places, and their relations, and no
+//! more.
 //!
-//! The next key frame that is kept is related to the last one that was, by the odometry of all the way between, and by a find
-//! to the one that was met: if the find is false, and taken out, odometry still holds that key frame. It does not hold the
-//! clouds between the meet and that key frame: they are told from the one that was met, and stay where the find put them. And
-//! what was forgotten cannot be taken out: where a meet relates nothing, since the two are related before, a find leaves no
-//! trace in the graph but by the next key frame that is kept.
+//! The next key frame that is kept is related to the last one that was, by the odometry of all the way between, and by
+//! a find to the one that was met: if the find is false, and taken out, odometry still holds that key frame. It does
+//! not hold the clouds between the meet and that key frame: they are told from the one that was met, and stay where the
+//! find put them. And what was forgotten cannot be taken out: where a meet relates nothing, since the two are related
+//! before, a find leaves no trace in the graph but by the next key frame that is kept.
 //!
-//! Of what serves in these relations no part does in more than two: a find in that of the way there and in that of the way
-//! on, a step of odometry in one of these and in that of all the way. Each counts half in each, twice as wide: likelihoods to
-//! the power of a half, whose product over both is the likelihood itself. What is lost is that both speak of the same pose,
-//! which makes the sum less sure, never more (the split of covariance intersection, Julier and Uhlmann 1997).
+//! Of what serves in these relations no part does in more than two: a find in that of the way there and in that of the
+//! way on, a step of odometry in one of these and in that of all the way. Each counts half in each, twice as wide:
+//! likelihoods to the power of a half, whose product over both is the likelihood itself. What is lost is that both
+//! speak of the same pose, which makes the sum less sure, never more (the split of covariance intersection, Julier and
+//! Uhlmann 1997).
 
 use super::{
     KeyFrameMap,

@@ -56,14 +56,15 @@ pub(super) struct Tracked {
     pub(super) odom_from_base: Se3,
     /// Motion since the key frame that is followed; of the whole way before the first.
     pub(super) key_from_base: UncertainPose<Se3>,
-    /// Motion since the last key frame that was kept, where another one was met since then; none where that one is followed.
+    /// Motion since the last key frame that was kept, where another one was met since then; none where that one is
+    /// followed.
     pub(super) kept_from_base: Option<UncertainPose<Se3>>,
     /// Stamp of the cloud that was a key frame, or was found at one, last.
     pub(super) since: Stamp,
 }
 
-/// All that a [`KeyFrameMapper`](super::KeyFrameMapper) knows: a value that is stored and resumed from (feature `serde`), to the same
-/// bits.
+/// All that a [`KeyFrameMapper`](super::KeyFrameMapper) knows: a value that is stored and resumed from (feature
+/// `serde`), to the same bits.
 ///
 /// The frame of the map is that of the odometry at the first key frame, which never moves.
 #[derive(Debug, Clone, PartialEq)]
@@ -154,8 +155,8 @@ impl KeyFrameMap {
         self.map_from_base().compose(&odom_from_base.inverse())
     }
 
-    /// The map of normal distributions of all key frames at their corrected poses, in tiles of `tile_voxels` voxels: linear in the
-    /// points.
+    /// The map of normal distributions of all key frames at their corrected poses, in tiles of `tile_voxels` voxels:
+    /// linear in the points.
     ///
     /// # Errors
     /// As [`NdtTiles::new`].
@@ -167,7 +168,8 @@ impl KeyFrameMap {
         Ok(tiles)
     }
 
-    /// All clouds at their corrected poses as one, with the mean of each cube of `leaf` metres, in the frame of the map.
+    /// All clouds at their corrected poses as one, with the mean of each cube of `leaf` metres, in the frame of the
+    /// map.
     ///
     /// # Errors
     /// A leaf that is not from 1 cm to 1 km.

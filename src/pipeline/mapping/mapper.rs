@@ -35,24 +35,28 @@ pub struct KeyFrameStep {
     pub met: Option<usize>,
     /// Loop closures that were believed with it.
     pub closures: usize,
-    /// Whether the poses of the map were corrected, as they are after each closure, and may be with a find that waits for others.
+    /// Whether the poses of the map were corrected, as they are after each closure, and may be with a find that waits
+    /// for others.
     pub corrected: bool,
 }
 
 /// Makes a map of key frames out of lidar odometry, and closes its loops; see the [module](super).
 ///
-/// Key frames follow the odometry's motion: standing still makes none. Clouds with times are straightened by the motion since the last
-/// one. A cloud that becomes a key frame, or is found at one, costs a few registrations, and a closure solves the graph; others next to
-/// nothing. Memory grows by [`max_points`](KeyFrameParams::max_points) a key frame at most, and by a pose a cloud; where the vehicle comes by a
-/// place again there is no further key frame ([`reach`](KeyFrameParams::reach)). Deterministic, for any number of threads of the parts.
+/// Key frames follow the odometry's motion: standing still makes none. Clouds with times are straightened by the motion
+/// since the last one. A cloud that becomes a key frame, or is found at one, costs a few registrations, and a closure
+/// solves the graph; others next to nothing. Memory grows by [`max_points`](KeyFrameParams::max_points) a key frame at
+/// most, and by a pose a cloud; where the vehicle comes by a place again there is no further key frame
+/// ([`reach`](KeyFrameParams::reach)). Deterministic, for any number of threads of the parts.
 ///
 /// ```
 /// use agv_core::{nalgebra::Vector3, roles::LidarOdometry, sensors::PointCloud};
 /// use agv_nav::ndt::{loam::{LoamOdometry, LoamParams}, ndt::{NdtParams, NdtRegistration, VoxelParams}};
 /// use agv_nav::pipeline::mapping::{KeyFrameMapper, KeyFrameParams};
 ///
-/// let sheet = |f: fn(f32, f32) -> [f32; 3]| (0..10_000).map(move |i| f((i % 100) as f32 * 0.1 - 5.0, (i / 100) as f32 * 0.1 - 5.0));
-/// let hall: Vec<_> = sheet(|a, b| [a, b, -1.0]).chain(sheet(|a, b| [a, -5.0, b + 4.0])).chain(sheet(|a, b| [5.0, a, b + 4.0])).collect();
+/// let place = |i: i32| i as f32 * 0.1 - 5.0;
+/// let sheet = |f: fn(f32, f32) -> [f32; 3]| (0..10_000).map(move |i| f(place(i % 100), place(i / 100)));
+/// let walls = sheet(|a, b| [a, -5.0, b + 4.0]).chain(sheet(|a, b| [5.0, a, b + 4.0]));
+/// let hall: Vec<_> = sheet(|a, b| [a, b, -1.0]).chain(walls).collect();
 /// let seen_from = |x: f32| PointCloud::from_points(hall.iter().map(|p| Vector3::from(*p) - Vector3::new(x, 0.0, 0.0)));
 ///
 /// let mut odometry = LoamOdometry::new(LoamParams::default())?;
@@ -142,8 +146,8 @@ impl<R: Registration> KeyFrameMapper<R> {
     /// Takes a cloud and what the odometry made of it.
     ///
     /// # Errors
-    /// A pose that is not finite, or a stamp before the last one: the map is then as it was. What the registration refuses, and a graph
-    /// that memory has no room for: the cloud is then taken in, but closes no loop.
+    /// A pose that is not finite, or a stamp before the last one: the map is then as it was. What the registration
+    /// refuses, and a graph that memory has no room for: the cloud is then taken in, but closes no loop.
     pub fn process(&mut self, step: &LidarOdometryStep, cloud: &PointCloud) -> Result<KeyFrameStep, Error> {
         let (stamp, odom_from_base) = (cloud.stamp(), step.odom_from_base);
         check::all_finite("odom_from_base", odom_from_base.translation().iter())?;

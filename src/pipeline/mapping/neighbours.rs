@@ -1,7 +1,7 @@
 //! Which key frames are neighbours: those that relations tie together near by.
 //!
-//! Their numbers do not say: where a place that is known lies between them, two that follow one another may be far apart, and
-//! where the vehicle left its old way for a metre, one may stand alone among older ones.
+//! Their numbers do not say: where a place that is known lies between them, two that follow one another may be far
+//! apart, and where the vehicle left its old way for a metre, one may stand alone among older ones.
 
 use super::{KeyFrameMap, closures::is_find};
 use agv_core::geometry::Se3;
@@ -14,11 +14,12 @@ fn distance(a: &Se3, b: &Se3) -> f64 {
 }
 
 impl KeyFrameMap {
-    /// For each of some key frames, given in rising order, the place among them of the first that it is tied to, directly or
-    /// by others.
+    /// For each of some key frames, given in rising order, the place among them of the first that it is tied to,
+    /// directly or by others.
     ///
-    /// A find ties no farther than a meet on a way that is known may be from the key frame before. From farther away it may
-    /// look through a rack into the next aisle, which is a place of its own: whoever is found in one is to be sought in both.
+    /// A find ties no farther than a meet on a way that is known may be from the key frame before. From farther away it
+    /// may look through a rack into the next aisle, which is a place of its own: whoever is found in one is to be
+    /// sought in both.
     pub(super) fn groups(&self, members: &[usize]) -> Vec<usize> {
         let (poses, gap) = (self.graph.poses(), GAP * self.params.distance);
         let reach = self.params.reach.map_or(0.0, |reach| reach.translation);
@@ -45,9 +46,10 @@ impl KeyFrameMap {
         }
     }
 
-    /// Old key frames whose clouds together make the place of one of them. That one comes first, then those that are tied to
-    /// it, the nearest first: at most twice [`neighbours`](super::LoopParams::neighbours), for either side, and none farther
-    /// away than so many as that take where they are twice as far apart as [`distance`](super::KeyFrameParams::distance).
+    /// Old key frames whose clouds together make the place of one of them. That one comes first, then those that are
+    /// tied to it, the nearest first: at most twice [`neighbours`](super::LoopParams::neighbours), for either side, and
+    /// none farther away than so many as that take where they are twice as far apart as
+    /// [`distance`](super::KeyFrameParams::distance).
     pub(super) fn neighbours(&self, anchor: usize) -> Vec<usize> {
         let (poses, loops) = (self.graph.poses(), &self.params.loops);
         let (Some(here), Some(last)) = (poses.get(anchor), self.keys.last()) else { return Vec::new() };
@@ -77,8 +79,8 @@ mod tests {
     };
     use agv_filters::graph::{PoseId, Relation};
 
-    /// Key frames at these places, each related to the one before but where `cut` says so, after ways of a metre each, and a
-    /// last one far on.
+    /// Key frames at these places, each related to the one before but where `cut` says so, after ways of a metre each,
+    /// and a last one far on.
     fn map(places: &[[f64; 2]], cut: &[u32]) -> KeyFrameMap {
         let mut map = KeyFrameMap::new(KeyFrameParams::default()).unwrap();
         let cloud = PointCloud::from_points([Vector3::new(1.0, 2.0, 3.0)]);
@@ -101,8 +103,8 @@ mod tests {
         Closure { from, to, from_from_to: from_from_to.into(), information, inlier_ratio: 0.9, unobserved }
     }
 
-    /// A lane that was driven until it was known, and went on in another one six metres aside: the numbers go on as if nothing
-    /// were between.
+    /// A lane that was driven until it was known, and went on in another one six metres aside: the numbers go on as if
+    /// nothing were between.
     #[test]
     fn what_follows_far_away_is_no_neighbour() {
         let places: Vec<_> = (0..10).map(|i| [f64::from(i % 5), if i < 5 { 0.0 } else { 6.0 }]).collect();
@@ -112,8 +114,8 @@ mod tests {
         assert_eq!(map.groups(&[3, 4, 5, 6]), [0, 0, 2, 2]);
     }
 
-    /// One key frame that stands alone among older ones, to which it is tied, is of their place; one that nothing ties to them
-    /// is not.
+    /// One key frame that stands alone among older ones, to which it is tied, is of their place; one that nothing ties
+    /// to them is not.
     #[test]
     fn what_is_tied_near_by_is_a_neighbour() {
         let mut map =
@@ -125,7 +127,8 @@ mod tests {
         assert_eq!(map.neighbours(7), [0_usize; 0], "the last one is no place from before");
     }
 
-    /// Two lanes three metres apart that one find ties together through the racks: the vehicle between them is sought in both.
+    /// Two lanes three metres apart that one find ties together through the racks: the vehicle between them is sought
+    /// in both.
     #[test]
     fn lanes_that_see_each_other_are_two_places() {
         let places: Vec<_> = (0..10).map(|i| [f64::from(i % 5), if i < 5 { 0.0 } else { 3.0 }]).collect();

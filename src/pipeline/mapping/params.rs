@@ -19,11 +19,11 @@ pub struct LidarDrift {
 }
 
 impl Default for LidarDrift {
-    /// Six centimetres and half a degree after ten metres: assumed, some times what this library's odometries drifted in `docs/experiments.md`
-    /// (ends 3 to 4 cm off after 17 m of the recorded walk, 5 cm after 48 m among simulated racks, where these say 8 and 14 cm; about 0.04°
-    /// after a metre of that walk, where these say 0.17°), since steps of one odometry share their errors, and a way that is believed too
-    /// much keeps right loops from closing. Where a corridor hides the way, 0.3 m after the first metre and with the root of the way:
-    /// assumed too.
+    /// Six centimetres and half a degree after ten metres: assumed, some times what this library's odometries drifted
+    /// in `docs/experiments.md` (ends 3 to 4 cm off after 17 m of the recorded walk, 5 cm after 48 m among simulated
+    /// racks, where these say 8 and 14 cm; about 0.04° after a metre of that walk, where these say 0.17°), since steps
+    /// of one odometry share their errors, and a way that is believed too much keeps right loops from closing. Where a
+    /// corridor hides the way, 0.3 m after the first metre and with the root of the way: assumed too.
     fn default() -> Self {
         Self {
             per_metre: PoseSigma { translation: 0.02, rotation: 0.003 },
@@ -55,7 +55,8 @@ pub struct LoopParams {
     pub min_way: f64,
     /// How far from where it is expected a key frame is sought right after a closure, in metres.
     pub least_window: f64,
-    /// By how much that grows, in metres per metre travelled. Along directions that the clouds do not fix the whole way counts.
+    /// By how much that grows, in metres per metre travelled. Along directions that the clouds do not fix the whole way
+    /// counts.
     pub growth: f64,
     /// How far it is sought at most, in metres.
     pub window: f64,
@@ -82,9 +83,10 @@ pub struct LoopParams {
 }
 
 impl Default for LoopParams {
-    /// Windows for odometry that drifts by some per cent; three finds that agree to a quarter of a metre; a gate that one in 10⁵ right
-    /// finds fails (six degrees of freedom); centimetres that registrations of recorded pairs are off. Looks up to a distance beyond which
-    /// hardly a place is recognised that was not before, but many are taken for one that nobody has seen (`docs/experiments.md`).
+    /// Windows for odometry that drifts by some per cent; three finds that agree to a quarter of a metre; a gate that
+    /// one in 10⁵ right finds fails (six degrees of freedom); centimetres that registrations of recorded pairs are off.
+    /// Looks up to a distance beyond which hardly a place is recognised that was not before, but many are taken for one
+    /// that nobody has seen (`docs/experiments.md`).
     fn default() -> Self {
         Self {
             min_way: 10.0,
@@ -160,9 +162,9 @@ pub struct KeyFrameParams {
 }
 
 impl Default for KeyFrameParams {
-    /// A key frame for every metre and every 20°, and none where one is within 0.7 m and 20°, which half a metre ahead and half a metre
-    /// aside is: a vehicle that comes by again in the same lane adds none. A point per decimetre for maps of normal distributions and one per quarter of a metre
-    /// to align; 400 kB a key frame at most.
+    /// A key frame for every metre and every 20°, and none where one is within 0.7 m and 20°, which half a metre ahead
+    /// and half a metre aside is: a vehicle that comes by again in the same lane adds none. A point per decimetre for
+    /// maps of normal distributions and one per quarter of a metre to align; 400 kB a key frame at most.
     fn default() -> Self {
         Self {
             distance: 1.0,

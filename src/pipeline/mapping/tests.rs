@@ -33,8 +33,8 @@ fn at(x: f64) -> Se3 {
     Se2::new(x, 0.0, 0.0).into()
 }
 
-/// What ties key frames together is what odometry said, all of it and no more; and finds, which are where the truth says. The clouds'
-/// stamps are their numbers; `drive` gives truth and odometry of each.
+/// What ties key frames together is what odometry said, all of it and no more; and finds, which are where the truth
+/// says. The clouds' stamps are their numbers; `drive` gives truth and odometry of each.
 fn check_relations(map: &KeyFrameMap, drive: impl Fn(i32) -> (Se3, Se3)) {
     let number = |key: PoseId| map.keys[key.index()].cloud().stamp().seconds().round() as i32;
     let mut finds = 0;
@@ -108,8 +108,8 @@ fn a_place_that_is_met_again_corrects_the_way() {
     assert!(mapper.map().tiles(VoxelParams::default(), 8).unwrap().loaded().count() >= 4);
 }
 
-/// To and fro day after day: in the end there are no more key frames, relations or finds that wait, and the vehicle is where it is,
-/// however much the odometry errs. With all key frames kept, their number is that of the metres.
+/// To and fro day after day: in the end there are no more key frames, relations or finds that wait, and the vehicle is
+/// where it is, however much the odometry errs. With all key frames kept, their number is that of the metres.
 #[test]
 fn a_known_site_gets_no_more_key_frames() {
     let loops = LoopParams { min_way: 8.0, ..Default::default() };

@@ -77,8 +77,8 @@ fn joint(poses: &[Se3; 4], relations: &[(usize, usize, Matrix6<f64>)]) -> SMatri
     sum
 }
 
-/// Of the way back, the find and the way aside the graph knows no more than what a graph knows that has each of them once; and
-/// not much less.
+/// Of the way back, the find and the way aside the graph knows no more than what a graph knows that has each of them
+/// once; and not much less.
 #[test]
 fn what_was_found_counts_once() {
     let mut mapper = mapper();
@@ -157,7 +157,8 @@ fn claim(map: &KeyFrameMap, from: u32, to: u32, map_from_to: &Se3) -> Closure {
     Closure { from, to, from_from_to, information, inlier_ratio: 0.9, unobserved }
 }
 
-/// What ties a key frame to the one that was met before it is the way between them: it confirms no find of the one at the other.
+/// What ties a key frame to the one that was met before it is the way between them: it confirms no find of the one at
+/// the other.
 #[test]
 fn a_find_waits_though_the_way_relates_its_key_frames() {
     let mut mapper = mapper();
