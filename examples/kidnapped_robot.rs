@@ -181,8 +181,8 @@ fn table(site: &str, rows: &[Report]) -> String {
     text
 }
 
-/// The crate's default filter, switched on anywhere in a map; beside it, on the same drives, one that is told where it starts: what that
-/// one does not follow to the end, because nothing is in sight there, no start can bring.
+/// The crate's default filter, switched on anywhere in a map; beside it, on the same drives, one that is told where it starts: what
+/// that one does not follow to the end is no failure of the start.
 fn switched_on(args: &Args, site: &Site, out: &FilePath) -> Result<Report> {
     let progress = Progress::new(args.seeds as usize, "switching on");
     let (mut found, mut followed, mut times, mut lost, mut timings, mut counts) =

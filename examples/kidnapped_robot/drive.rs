@@ -158,12 +158,17 @@ impl<'a> Driver<'a> {
     }
 }
 
-/// Wanders for `length` metres from somewhere in free space: straight on where there is room, else to where there is more.
+/// Wanders for `length` metres from somewhere in free space: straight on where there is room, else to where there is more. It keeps to
+/// what the map shows as free: a gate leads off it, where nothing is known.
 pub(crate) fn wandering(site: &Site, length: f64, seed: Seed) -> Result<Drive> {
     let mut stream = seed.derive(77).stream(0, 0);
     let mut start = site.free_space.sample(&mut stream);
     let body = Body::circle(RADIUS)?;
-    let clearance = |pose: &Se2| site.world.clearance(&body, pose, 1.0);
+    let is_free = |pose: &Se2| {
+        let cell = site.map.layout().cell_at(&pose.translation());
+        cell.and_then(|cell| site.map.get(cell)) == Some(&CellState::Free)
+    };
+    let clearance = |pose: &Se2| if is_free(pose) { site.world.clearance(&body, pose, 1.0) } else { 0.0 };
     while clearance(&start) < 0.1 {
         start = site.free_space.sample(&mut stream);
     }

@@ -5,7 +5,7 @@ use super::params::{PointMetric, PointParams};
 use super::surface::{Surface, SurfaceVoxels};
 use crate::Error;
 use crate::checks::finite_pose;
-use crate::registration::{Descent, Optimizer};
+use crate::registration::{Descent, Optimizer, verdict};
 use agv_core::{
     check,
     compute::Par,
@@ -112,14 +112,7 @@ impl PointRegistration {
             return lost;
         }
         let PairFit { inlier_ratio, unobserved } = objective.fit(&found.pose, &free);
-        // What explains too little of the source says nothing of directions either.
-        if matches!(found.termination, Termination::Converged | Termination::Degenerate) {
-            if inlier_ratio < params.min_inlier_ratio {
-                result.termination = Termination::PoorFit;
-            } else if unobserved.trace() > 0.5 {
-                result.termination = Termination::Degenerate;
-            }
-        }
+        result.termination = verdict(found.termination, inlier_ratio >= params.min_inlier_ratio, unobserved.trace());
         result.unobserved = unobserved + (Matrix6::identity() - free);
         let information = found.quadratic.hessian * matches as f64;
         result.information = observed_information::<Se3>(&information, &result.unobserved);

@@ -68,7 +68,7 @@ impl Aligner {
         let mut found = self.rounds(&pose, map, *first, &all);
         iterations += found.iterations;
         for solve in others {
-            // What the solve before has made worse is not where to begin.
+            // What the solve before has made no better is not where to begin.
             let start = if self.inliers(&pose, map) >= self.inliers(&found.pose, map) { pose } else { found.pose };
             found = self.rounds(&start, map, *solve, &all);
             iterations += found.iterations;

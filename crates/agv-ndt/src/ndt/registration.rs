@@ -13,7 +13,7 @@ use super::params::NdtParams;
 use super::search::Surroundings;
 use crate::Error;
 use crate::checks::finite_pose;
-use crate::registration::{Descent, DescentParams, Objective, Optimizer};
+use crate::registration::{Descent, DescentParams, Objective, Optimizer, verdict};
 use agv_core::{
     check,
     compute::Par,
@@ -266,20 +266,20 @@ fn conclude(
     iterations: usize,
     [free, held]: [&Matrix6<f64>; 2],
 ) -> Outcome {
-    let Descent { pose, mut termination, .. } = *found;
+    let pose = found.pose;
     // The last step may not have been evaluated; and Gauss and Newton's matrix is what an information may be: positive
     // semi-definite.
     objective.curvature = 0.0;
     let last = objective.evaluate(&pose);
     let points = objective.source.len().max(1) as f64;
-    if last.matches == 0 || termination == Termination::TooFewPoints {
+    if last.matches == 0 || found.termination == Termination::TooFewPoints {
         return Outcome::lost(&pose, iterations);
     }
     // What was held is not asked for again: it is the guess's, whatever the points say where they lie now.
     let left = Matrix6::identity() - held;
     let asked = left * free * left;
     let Fit { inlier_ratio, nearest_likelihood, unobserved } = objective.fit(&pose, params.min_facing_share, &asked);
-    let still_free = unobserved.trace() > 0.5;
+    let free_directions = unobserved.trace();
     let unobserved = held + unobserved;
     let report = NdtReport {
         transformation_probability: -last.cost / points,
@@ -287,16 +287,9 @@ fn conclude(
         matched_ratio: last.matches as f64 / points,
         unobserved_count: unobserved.trace().round() as usize,
     };
-    // What explains too little of the source says nothing of directions either.
-    let poor = inlier_ratio < params.min_inlier_ratio;
-    let still_free = !poor && still_free;
-    if matches!(termination, Termination::Converged | Termination::Degenerate) {
-        if poor {
-            termination = Termination::PoorFit;
-        } else if still_free {
-            termination = Termination::Degenerate;
-        }
-    }
+    let is_good = inlier_ratio >= params.min_inlier_ratio;
+    let termination = verdict(found.termination, is_good, free_directions);
+    let still_free = is_good && free_directions > 0.5;
     let mut result = Alignment::unknown(pose, termination);
     result.iterations = iterations;
     result.unobserved = unobserved + (Matrix6::identity() - free);

@@ -109,3 +109,37 @@ pub struct Descent {
     /// Why it ended.
     pub termination: Termination,
 }
+
+/// What a descent came to, given whether the fit explains enough of the source and how many directions it leaves free.
+///
+/// What explains too little says nothing of directions either; and one whose step could not be solved, though no direction is free, has
+/// not come to rest.
+pub(crate) fn verdict(ended: Termination, is_good: bool, free_directions: f64) -> Termination {
+    match ended {
+        Termination::Converged | Termination::Degenerate if !is_good => Termination::PoorFit,
+        Termination::Converged | Termination::Degenerate if free_directions > 0.5 => Termination::Degenerate,
+        Termination::Degenerate => Termination::Stalled,
+        other => other,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_a_good_fit_tells_directions() {
+        use Termination::{Converged, Degenerate, IterationLimit, PoorFit, Stalled};
+        for (ended, is_good, free, expected) in [
+            (Converged, true, 0.0, Converged),
+            (Converged, true, 1.0, Degenerate),
+            (Converged, false, 1.0, PoorFit),
+            (Degenerate, false, 0.0, PoorFit),
+            (Degenerate, true, 1.0, Degenerate),
+            (Degenerate, true, 0.0, Stalled),
+            (IterationLimit, false, 1.0, IterationLimit),
+        ] {
+            assert_eq!(verdict(ended, is_good, free), expected, "{ended:?} {is_good} {free}");
+        }
+    }
+}

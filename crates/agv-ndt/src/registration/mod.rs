@@ -20,6 +20,7 @@ mod optimizer;
 pub(crate) mod quadratic;
 mod trust_region;
 
+pub(crate) use descent::verdict;
 pub use descent::{Descent, DescentParams};
 pub(crate) use facing::Facing;
 pub use freedom::Freedom;

@@ -76,7 +76,8 @@ where
     ///
     /// Skipped if the vehicle has moved too little since the last observation of the same
     /// sensor, if the sensor finds too few readings, or if no particle explains the observation; the next observation is
-    /// then taken in. The particles keep their weights, and follow the odometry as soon as it is as long as between updates. The report says which share of the beams the mean explains, if the sensor's model can tell.
+    /// then taken in. The particles keep their weights, and move by the pending odometry once that reaches the threshold of
+    /// updates. The report says which share of the beams the mean explains, if the sensor's model can tell.
     fn update(&mut self, observation: &Z) -> Result<UpdateOutcome, LocalizationError> {
         self.correct(observation, &mut Plain)
     }

@@ -260,13 +260,9 @@ impl LandmarkGraphSlam {
             if pairs.is_empty() {
                 return Ok(merged);
             }
-            let before = (self.graph.clone(), self.of_key.clone());
-            for &(one, into) in &pairs {
-                self.graph.merge(one, into)?;
-                self.of_key.values_mut().filter(|landmark| **landmark == one).for_each(|landmark| *landmark = into);
-            }
             let limit = chi_square_quantile(2.0 * pairs.len() as f64, self.params.merge_probability)?;
-            let with = match self.optimize() {
+            let before = (self.graph.clone(), self.of_key.clone());
+            let with = match self.merged(&pairs) {
                 Ok(report) => report.cost,
                 Err(error) => {
                     (self.graph, self.of_key) = before;
@@ -285,6 +281,15 @@ impl LandmarkGraphSlam {
             }
             most = 1;
         }
+    }
+
+    /// Makes each pair one landmark, and corrects the graph.
+    fn merged(&mut self, pairs: &[Twins]) -> Result<LeastSquaresReport, Error> {
+        for &(one, into) in pairs {
+            self.graph.merge(one, into)?;
+            self.of_key.values_mut().filter(|landmark| **landmark == one).for_each(|landmark| *landmark = into);
+        }
+        self.optimize()
     }
 
     /// Pairs of landmarks that may be one, neither of which may be another, but for those that were refused; the nearest first.

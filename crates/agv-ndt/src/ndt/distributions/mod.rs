@@ -8,6 +8,7 @@ use super::mixture::Mixture;
 use super::params::NdtParams;
 use crate::Error;
 use crate::checks::finite_pose;
+use crate::registration::verdict;
 use agv_core::{
     check,
     compute::Par,
@@ -108,14 +109,8 @@ impl DistributionRegistration {
                 return result;
             }
             let (inlier_ratio, unobserved) = overlap.fit(&pose, params.min_facing_share, &free);
-            // What explains too little of the source says nothing of directions either.
-            if matches!(found.termination, Termination::Converged | Termination::Degenerate) {
-                if inlier_ratio < params.min_inlier_ratio {
-                    result.termination = Termination::PoorFit;
-                } else if unobserved.trace() > 0.5 {
-                    result.termination = Termination::Degenerate;
-                }
-            }
+            result.termination =
+                verdict(found.termination, inlier_ratio >= params.min_inlier_ratio, unobserved.trace());
             result.unobserved = unobserved + (Matrix6::identity() - free);
             result.information = observed_information::<Se3>(&found.quadratic.hessian, &result.unobserved);
             result.score = -found.quadratic.cost / source.gaussians.len().max(1) as f64;

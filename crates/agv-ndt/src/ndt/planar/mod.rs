@@ -9,6 +9,7 @@ mod params;
 pub use params::NdtScanMatcherParams;
 
 use crate::Error;
+use crate::registration::verdict;
 use agv_core::{
     check,
     geometry::{LieGroup, PoseSigma, Se2, observed_information, unobserved_directions},
@@ -145,14 +146,8 @@ impl NdtScanMatcher {
         result.information = observed_information::<Se2>(&found.quadratic.hessian, &result.unobserved);
         result.score = -found.quadratic.cost / self.points.len().max(1) as f64;
         result.inlier_ratio = inliers as f64 / self.points.len().max(1) as f64;
-        // What explains too little of the scan says nothing of directions either.
-        if found.termination == Termination::Converged {
-            if result.inlier_ratio < self.params.min_inlier_ratio {
-                result.termination = Termination::PoorFit;
-            } else if result.unobserved.trace() > 0.5 {
-                result.termination = Termination::Degenerate;
-            }
-        }
+        let is_good = result.inlier_ratio >= self.params.min_inlier_ratio;
+        result.termination = verdict(found.termination, is_good, result.unobserved.trace());
         result
     }
 }

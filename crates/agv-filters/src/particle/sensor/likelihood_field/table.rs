@@ -3,8 +3,9 @@
 //! A term is `ln p` or `p³`, stored as one of 65,536 levels between the least and the greatest of the map, and, for the weighing of
 //! particles, as one of 256: a quarter of the memory of an `f32`, so that four times as much of a map is in a cache, and sums that
 //! are whole numbers, the same in any order. With the usual densities, from 0.005 to 1 per metre, a logarithm is off by 4e-5 at
-//! most, and by 0.011 in the coarse levels: of sixty beams that count as eighteen, 0.015 in the mean. What weighs one pose by distances, the refinement
-//! and the share of explained beams, reads the fine ones.
+//! most, and by 0.011 in the coarse levels: of sixty beams that count as eighteen, 0.015 in the mean. What weighs one pose by
+//! distances, the refinement and the share of explained beams, reads the fine ones. In coarse levels of cubes what is below an
+//! eighth of the greatest density weighs nothing: beside one beam that fits, a cube that small counts a five hundredth.
 
 use super::{LikelihoodFieldModel, LikelihoodFieldModelParams};
 use crate::particle::ScanForm;
